@@ -1,0 +1,69 @@
+//! How a call runs: on how many threads, with which instructions, and until when.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::error::{Error, Result};
+use crate::simd::Level;
+
+/// How a call runs. None of it changes a bit of the result.
+///
+/// ```
+/// use lk_core::{Execution, Level};
+///
+/// let plain = Execution::default().threads(1).level(Level::Baseline);
+/// assert_eq!(plain.simd_level(), Level::Baseline);
+/// ```
+#[derive(Debug, Clone, Default)]
+pub struct Execution {
+    threads: usize,
+    level: Option<Level>,
+    cancel: Option<Arc<AtomicBool>>,
+}
+
+impl Execution {
+    /// Threads to use; 0, the default, follows [`crate::set_num_threads`].
+    #[must_use]
+    pub fn threads(mut self, threads: usize) -> Self {
+        self.threads = threads;
+        self
+    }
+
+    /// Instructions to use; a level that this CPU lacks falls back to the best that it has.
+    #[must_use]
+    pub fn level(mut self, level: Level) -> Self {
+        self.level = Some(level.min(Level::detected()));
+        self
+    }
+
+    /// A flag that stops the call with [`Error::Cancelled`] once it is true.
+    #[must_use]
+    pub fn cancel(mut self, flag: Arc<AtomicBool>) -> Self {
+        self.cancel = Some(flag);
+        self
+    }
+
+    /// Threads that a call with this setting uses.
+    #[must_use]
+    pub fn num_threads(&self) -> usize {
+        if self.threads == 0 {
+            crate::parallel::num_threads()
+        } else {
+            self.threads
+        }
+    }
+
+    /// Instructions that a call with this setting uses.
+    #[must_use]
+    pub fn simd_level(&self) -> Level {
+        self.level.unwrap_or_else(Level::detected)
+    }
+
+    /// [`Error::Cancelled`] once the cancel flag is true.
+    pub(crate) fn check(&self) -> Result<()> {
+        match &self.cancel {
+            Some(flag) if flag.load(Ordering::Relaxed) => Err(Error::Cancelled),
+            _ => Ok(()),
+        }
+    }
+}

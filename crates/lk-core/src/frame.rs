@@ -1,0 +1,201 @@
+//! Frames: pixel types, views that borrow the caller's memory, and planes of `f32` rows.
+
+use ndarray::ArrayView2;
+
+use crate::error::Result;
+use crate::execution::Execution;
+use crate::parallel::{RowsMut, for_each_band};
+
+mod sealed {
+    pub trait Sealed {}
+    impl Sealed for u8 {}
+    impl Sealed for u16 {}
+    impl Sealed for f32 {}
+}
+
+/// A grey level: `u8`, `u16` or `f32`, never rescaled.
+pub trait Pixel: Copy + Send + Sync + sealed::Sealed + 'static {
+    /// The grey level as `f32`; exact for every supported type.
+    fn to_f32(self) -> f32;
+}
+
+impl Pixel for u8 {
+    #[inline(always)]
+    fn to_f32(self) -> f32 {
+        f32::from(self)
+    }
+}
+
+impl Pixel for u16 {
+    #[inline(always)]
+    fn to_f32(self) -> f32 {
+        f32::from(self)
+    }
+}
+
+impl Pixel for f32 {
+    #[inline(always)]
+    fn to_f32(self) -> f32 {
+        self
+    }
+}
+
+/// A borrowed frame, `(height, width)`, with any strides.
+pub type Frame<'a, T> = ArrayView2<'a, T>;
+
+/// Grey levels as `f32`, in rows without gaps.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Plane {
+    width: usize,
+    height: usize,
+    data: Vec<f32>,
+}
+
+impl Plane {
+    /// A plane of zeros.
+    #[must_use]
+    pub fn new(width: usize, height: usize) -> Self {
+        Self {
+            width,
+            height,
+            data: vec![0.0; width * height],
+        }
+    }
+
+    /// Columns.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    #[must_use]
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// All rows, one after the other.
+    #[must_use]
+    pub fn data(&self) -> &[f32] {
+        &self.data
+    }
+
+    /// All rows, to write.
+    pub fn data_mut(&mut self) -> &mut [f32] {
+        &mut self.data
+    }
+
+    /// Row `y`.
+    ///
+    /// # Panics
+    ///
+    /// Panics if `y` is not below the height.
+    #[must_use]
+    #[inline(always)]
+    pub fn row(&self, y: usize) -> &[f32] {
+        &self.data[y * self.width..(y + 1) * self.width]
+    }
+
+    /// Row `y`, to write.
+    ///
+    /// # Panics
+    ///
+    /// Panics if `y` is not below the height.
+    #[inline(always)]
+    pub fn row_mut(&mut self, y: usize) -> &mut [f32] {
+        &mut self.data[y * self.width..(y + 1) * self.width]
+    }
+
+    /// Take a new size and keep the memory; the content is unspecified afterwards.
+    pub fn resize(&mut self, width: usize, height: usize) {
+        self.width = width;
+        self.height = height;
+        self.data.resize(width * height, 0.0);
+    }
+
+    /// All rows, to divide between threads.
+    pub(crate) fn rows_mut(&mut self) -> RowsMut<'_, f32> {
+        RowsMut::new(&mut self.data, self.width.max(1))
+    }
+
+    /// Take size and content of `frame`, and keep the memory.
+    ///
+    /// # Errors
+    ///
+    /// Those of the execution: cancelled, no threads.
+    pub fn copy_from<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        execution: &Execution,
+    ) -> Result<()> {
+        let (height, width) = frame.dim();
+        self.resize(width, height);
+        if width == 0 || height == 0 {
+            return Ok(());
+        }
+        // A band of 64 kilopixels converts in about 10 us.
+        let min_rows = (65_536 / width).max(1);
+        for_each_band(
+            execution,
+            height,
+            min_rows,
+            self.rows_mut(),
+            |rows, mut part| {
+                for (local, y) in rows.enumerate() {
+                    read_row(frame, y, part.row_mut(local));
+                }
+            },
+        )
+    }
+}
+
+/// Write row `y` of `frame` as `f32` into `row`, which has the frame's width.
+pub(crate) fn read_row<T: Pixel>(frame: Frame<'_, T>, y: usize, row: &mut [f32]) {
+    let source = frame.row(y);
+    if let Some(slice) = source.as_slice() {
+        for (to, from) in row.iter_mut().zip(slice) {
+            *to = from.to_f32();
+        }
+    } else {
+        for (to, from) in row.iter_mut().zip(source) {
+            *to = from.to_f32();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::{Array2, s};
+
+    use super::*;
+
+    #[test]
+    fn any_stride_is_read_alike() {
+        let frame = Array2::from_shape_fn((9, 14), |(y, x)| u16::try_from(y * 100 + x).unwrap());
+        let execution = Execution::default();
+        for view in [
+            frame.view(),
+            frame.slice(s![1..8;2, 3..11]),
+            frame.slice(s![..;-1, ..;-1]),
+            frame.t(),
+        ] {
+            let mut plane = Plane::default();
+            plane.copy_from(view, &execution).unwrap();
+            assert_eq!((plane.height(), plane.width()), view.dim());
+            for ((y, x), value) in view.indexed_iter() {
+                assert_eq!(plane.row(y)[x], f32::from(*value));
+            }
+        }
+    }
+
+    #[test]
+    fn an_empty_frame_is_an_empty_plane() {
+        for shape in [(0, 0), (0, 5), (5, 0)] {
+            let mut plane = Plane::new(3, 3);
+            plane
+                .copy_from(Array2::<u8>::zeros(shape).view(), &Execution::default())
+                .unwrap();
+            assert!(plane.data().is_empty());
+        }
+    }
+}

@@ -1,0 +1,24 @@
+//! Motion between two pictures on a CPU: the displacement of a window, of many points, of every pixel, in changing
+//! light and over large displacements.
+//!
+//! Motion is from `prev` to `next`: what was at (x, y) in `prev` is at (x + u, y + v) in `next`, with x to the right,
+//! y down and pixel centres at integers. Frames are [`ndarray::ArrayView2`] of `u8`, `u16` or `f32` with any strides;
+//! grey levels are never rescaled. The same input gives the same bits for any number of threads and on every CPU level
+//! of one architecture.
+#![deny(missing_docs)]
+
+mod error;
+mod execution;
+mod frame;
+mod illumination;
+mod parallel;
+mod pyramid;
+mod simd;
+
+pub use error::{Error, Result};
+pub use execution::Execution;
+pub use frame::{Frame, Pixel, Plane};
+pub use illumination::Illumination;
+pub use parallel::{num_threads, set_num_threads};
+pub use pyramid::Pyramid;
+pub use simd::Level;

@@ -1,0 +1,252 @@
+//! Threads: the only file that names rayon. Work is split into bands of rows or chunks of points.
+//!
+//! The pools belong to one process: after `fork()` the child builds its own. Where one thread is enough the work runs
+//! on the caller's thread and no pool is touched. A band never reads what another band writes, and no sum crosses a
+//! row, so the number of bands cannot change a bit of a result.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, LazyLock};
+
+use arc_swap::ArcSwap;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::error::{Error, Result};
+use crate::execution::Execution;
+
+static REQUESTED: AtomicUsize = AtomicUsize::new(0);
+
+/// The pools of one process, by thread count.
+struct Pools {
+    process: u32,
+    by_threads: Vec<(usize, Arc<ThreadPool>)>,
+}
+
+static POOLS: LazyLock<ArcSwap<Pools>> = LazyLock::new(|| {
+    ArcSwap::from_pointee(Pools {
+        process: std::process::id(),
+        by_threads: Vec::new(),
+    })
+});
+
+/// Set the number of threads of all calls that do not say otherwise; 0 means one for each CPU.
+pub fn set_num_threads(threads: usize) {
+    REQUESTED.store(threads, Ordering::Relaxed);
+}
+
+/// The number of threads of all calls that do not say otherwise.
+#[must_use]
+pub fn num_threads() -> usize {
+    match REQUESTED.load(Ordering::Relaxed) {
+        0 => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+        threads => threads,
+    }
+}
+
+/// The pool of `threads` threads of this process.
+fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
+    let process = std::process::id();
+    let current = POOLS.load_full();
+    if current.process == process
+        && let Some((_, pool)) = current
+            .by_threads
+            .iter()
+            .find(|(count, _)| *count == threads)
+    {
+        return Ok(Arc::clone(pool));
+    }
+    let built = ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .thread_name(|index| format!("lk-core-{index}"))
+        .build()
+        .map_err(|error| Error::Threads {
+            threads,
+            reason: error.to_string(),
+        })?;
+    let built = Arc::new(built);
+    POOLS.rcu(|pools| {
+        let mut by_threads = if pools.process == process {
+            pools.by_threads.clone()
+        } else {
+            Vec::new()
+        };
+        if !by_threads.iter().any(|(count, _)| *count == threads) {
+            by_threads.push((threads, Arc::clone(&built)));
+        }
+        Pools {
+            process,
+            by_threads,
+        }
+    });
+    if current.process != process {
+        // The threads of these pools stayed in the parent; to drop them would wait on locks that nobody holds here.
+        std::mem::forget(current);
+    }
+    Ok(built)
+}
+
+/// Outputs that can be divided at a row, so that each band owns its part.
+pub(crate) trait SplitRows: Sized + Send {
+    /// The parts above and below `row`.
+    fn split_at_row(self, row: usize) -> (Self, Self);
+}
+
+/// Rows of equal length in one slice.
+#[derive(Debug)]
+pub(crate) struct RowsMut<'a, T> {
+    /// The rows, one after the other.
+    pub(crate) data: &'a mut [T],
+    /// Elements from one row to the next.
+    pub(crate) stride: usize,
+}
+
+impl<'a, T> RowsMut<'a, T> {
+    /// View `data` as rows of `stride` elements.
+    pub(crate) fn new(data: &'a mut [T], stride: usize) -> Self {
+        Self { data, stride }
+    }
+
+    /// Row `index` of this part.
+    pub(crate) fn row_mut(&mut self, index: usize) -> &mut [T] {
+        &mut self.data[index * self.stride..(index + 1) * self.stride]
+    }
+}
+
+impl<T: Send> SplitRows for RowsMut<'_, T> {
+    fn split_at_row(self, row: usize) -> (Self, Self) {
+        let (above, below) = self.data.split_at_mut(row * self.stride);
+        (Self::new(above, self.stride), Self::new(below, self.stride))
+    }
+}
+
+impl SplitRows for () {
+    fn split_at_row(self, _row: usize) -> (Self, Self) {
+        ((), ())
+    }
+}
+
+macro_rules! split_tuples {
+    ($($name:ident)+) => {
+        impl<$($name: SplitRows),+> SplitRows for ($($name,)+) {
+            #[allow(non_snake_case, reason = "one name serves as type and as variable")]
+            fn split_at_row(self, row: usize) -> (Self, Self) {
+                let ($($name,)+) = self;
+                $(let $name = $name.split_at_row(row);)+
+                (($($name.0,)+), ($($name.1,)+))
+            }
+        }
+    };
+}
+split_tuples!(A B);
+split_tuples!(A B C);
+split_tuples!(A B C D);
+split_tuples!(A B C D E);
+
+/// Call `work(rows, part)` for bands that together are `0..rows`, each with its own part of `outputs`.
+///
+/// A band has at least `min_rows` rows where there are as many; choose it so that a band costs well above the 10 us
+/// that it takes to hand it to another thread.
+///
+/// # Errors
+///
+/// [`Error::Cancelled`] if the cancel flag was raised before the last band began, [`Error::Threads`] if no pool could
+/// be started.
+pub(crate) fn for_each_band<S, F>(
+    execution: &Execution,
+    rows: usize,
+    min_rows: usize,
+    outputs: S,
+    work: F,
+) -> Result<()>
+where
+    S: SplitRows,
+    F: Fn(Range<usize>, S) + Sync,
+{
+    let threads = execution.num_threads();
+    let min_rows = min_rows.max(1);
+    if rows == 0 {
+        return Ok(());
+    }
+    // Four bands a thread level out bands of unequal cost; one thread needs bands only to look at the cancel flag.
+    let band = rows
+        .div_ceil(if threads == 1 { 1 } else { 4 * threads })
+        .max(min_rows);
+    if threads == 1 || rows <= min_rows {
+        execution.check()?;
+        work(0..rows, outputs);
+        return Ok(());
+    }
+    pool(threads)?.install(|| halve(execution, 0..rows, band, outputs, &work))
+}
+
+fn halve<S, F>(
+    execution: &Execution,
+    rows: Range<usize>,
+    band: usize,
+    outputs: S,
+    work: &F,
+) -> Result<()>
+where
+    S: SplitRows,
+    F: Fn(Range<usize>, S) + Sync,
+{
+    execution.check()?;
+    if rows.len() <= band {
+        work(rows, outputs);
+        return Ok(());
+    }
+    let bands = rows.len().div_ceil(band);
+    let middle = rows.start + (bands / 2) * band;
+    let (above, below) = outputs.split_at_row(middle - rows.start);
+    let (first, second) = rayon::join(
+        || halve(execution, rows.start..middle, band, above, work),
+        || halve(execution, middle..rows.end, band, below, work),
+    );
+    first.and(second)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+
+    #[test]
+    fn bands_cover_every_row_once() {
+        for rows in [0usize, 1, 2, 7, 64, 1001] {
+            for threads in [1, 2, 7] {
+                for min_rows in [1, 3, 50] {
+                    let mut seen = vec![0u32; rows * 2];
+                    let mut index = vec![0usize; rows];
+                    let execution = Execution::default().threads(threads);
+                    let outputs = (RowsMut::new(&mut seen, 2), RowsMut::new(&mut index, 1));
+                    for_each_band(
+                        &execution,
+                        rows,
+                        min_rows,
+                        outputs,
+                        |range, (mut seen, mut index)| {
+                            for (local, row) in range.enumerate() {
+                                seen.row_mut(local).iter_mut().for_each(|cell| *cell += 1);
+                                index.row_mut(local)[0] = row;
+                            }
+                        },
+                    )
+                    .unwrap();
+                    assert!(seen.iter().all(|cell| *cell == 1));
+                    assert!(index.iter().enumerate().all(|(row, found)| row == *found));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_raised_flag_cancels() {
+        for threads in [1, 2] {
+            let flag = Arc::new(AtomicBool::new(true));
+            let execution = Execution::default().threads(threads).cancel(flag);
+            let result = for_each_band(&execution, 100, 1, (), |_, ()| panic!("must not run"));
+            assert_eq!(result, Err(Error::Cancelled));
+        }
+    }
+}

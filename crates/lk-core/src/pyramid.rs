@@ -1,0 +1,220 @@
+//! The Gaussian pyramid: each level is the one before, smoothed by the 5-tap binomial filter and halved.
+//!
+//! Borders are mirrored without repeating the edge, and a level has half the size of the one before, rounded up, as
+//! `cv2.pyrDown` does. Pixel (x, y) of level `k` sits over pixel (2^k x, 2^k y) of level 0.
+
+use crate::error::{Error, Result};
+use crate::execution::Execution;
+use crate::frame::{Frame, Pixel, Plane};
+use crate::parallel::for_each_band;
+use crate::simd::{Kernel, Level, dispatch};
+
+/// The levels of one frame, the finest first. Memory is kept from frame to frame.
+#[derive(Debug, Clone, Default)]
+pub struct Pyramid {
+    levels: Vec<Plane>,
+}
+
+impl Pyramid {
+    /// The pyramid of `frame` with at most `levels` levels; a level of one row or column is the last.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Option`] if `levels` is 0; those of the execution.
+    pub fn new<T: Pixel>(
+        frame: Frame<'_, T>,
+        levels: usize,
+        execution: &Execution,
+    ) -> Result<Self> {
+        let mut pyramid = Self::default();
+        pyramid.rebuild(frame, levels, execution)?;
+        Ok(pyramid)
+    }
+
+    /// Replace the content by the pyramid of `frame`; allocates nothing if the sizes are those of the frame before.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Pyramid::new`].
+    pub fn rebuild<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        levels: usize,
+        execution: &Execution,
+    ) -> Result<()> {
+        if levels == 0 {
+            return Err(Error::option("levels", 0, "1 or more"));
+        }
+        let (mut height, mut width) = frame.dim();
+        let mut count = 1;
+        while count < levels && height > 1 && width > 1 {
+            (height, width) = (height.div_ceil(2), width.div_ceil(2));
+            count += 1;
+        }
+        self.levels.resize_with(count, Plane::default);
+        self.levels[0].copy_from(frame, execution)?;
+        for level in 1..count {
+            let (finer, coarser) = self.levels.split_at_mut(level);
+            reduce(&finer[level - 1], &mut coarser[0], execution)?;
+        }
+        Ok(())
+    }
+
+    /// The levels, the finest first.
+    #[must_use]
+    pub fn levels(&self) -> &[Plane] {
+        &self.levels
+    }
+}
+
+/// Write `source`, smoothed and halved, into `target`.
+fn reduce(source: &Plane, target: &mut Plane, execution: &Execution) -> Result<()> {
+    let (width, height) = (source.width().div_ceil(2), source.height().div_ceil(2));
+    target.resize(width, height);
+    if width == 0 || height == 0 {
+        return Ok(());
+    }
+    let level = execution.simd_level();
+    // About 10 us of work a band.
+    let min_rows = (16_384 / width).max(1);
+    for_each_band(
+        execution,
+        height,
+        min_rows,
+        target.rows_mut(),
+        |rows, mut part| {
+            let mut smoothed = vec![0.0f32; source.width() + 4];
+            for (local, y) in rows.enumerate() {
+                reduce_row(level, source, y, &mut smoothed, part.row_mut(local));
+            }
+        },
+    )
+}
+
+/// The index that a mirrored border gives for `index`, which may lie outside of `0..size`.
+pub(crate) fn mirror(index: isize, size: usize) -> usize {
+    if size == 1 {
+        return 0;
+    }
+    let period = 2 * (size as isize - 1);
+    let folded = index.rem_euclid(period);
+    (if folded < size as isize {
+        folded
+    } else {
+        period - folded
+    }) as usize
+}
+
+fn reduce_row(level: Level, source: &Plane, y: usize, smoothed: &mut [f32], row: &mut [f32]) {
+    let (width, height) = (source.width(), source.height());
+    let rows =
+        [-2isize, -1, 0, 1, 2].map(|offset| source.row(mirror(2 * y as isize + offset, height)));
+    dispatch(
+        level,
+        SmoothDown {
+            rows,
+            smoothed: &mut smoothed[2..width + 2],
+        },
+    );
+    for (at, x) in [
+        (0, -2),
+        (1, -1),
+        (width + 2, width as isize),
+        (width + 3, width as isize + 1),
+    ] {
+        smoothed[at] = smoothed[mirror(x, width) + 2];
+    }
+    dispatch(level, SmoothAcross { smoothed, row });
+}
+
+/// The binomial filter down the columns.
+struct SmoothDown<'a> {
+    rows: [&'a [f32]; 5],
+    smoothed: &'a mut [f32],
+}
+
+impl Kernel for SmoothDown<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let width = self.smoothed.len();
+        let [a, b, c, d, e] = self.rows.map(|row| &row[..width]);
+        for x in 0..width {
+            self.smoothed[x] = (a[x] + e[x]) + 4.0 * (b[x] + d[x]) + 6.0 * c[x];
+        }
+    }
+}
+
+/// The binomial filter along the row, at every second pixel; the sum of both filters is taken out here.
+struct SmoothAcross<'a> {
+    smoothed: &'a [f32],
+    row: &'a mut [f32],
+}
+
+impl Kernel for SmoothAcross<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (x, to) in self.row.iter_mut().enumerate() {
+            let s = &self.smoothed[2 * x..2 * x + 5];
+            *to = ((s[0] + s[4]) + 4.0 * (s[1] + s[3]) + 6.0 * s[2]) * (1.0 / 256.0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array2;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// The definition, pixel by pixel, in f64.
+    fn reference(frame: &Array2<f64>) -> Array2<f64> {
+        let (height, width) = frame.dim();
+        let weights = [1.0, 4.0, 6.0, 4.0, 1.0];
+        Array2::from_shape_fn((height.div_ceil(2), width.div_ceil(2)), |(y, x)| {
+            let mut sum = 0.0;
+            for (j, wy) in weights.iter().enumerate() {
+                for (i, wx) in weights.iter().enumerate() {
+                    let row = mirror(2 * y as isize + j as isize - 2, height);
+                    let column = mirror(2 * x as isize + i as isize - 2, width);
+                    sum += wy * wx * frame[(row, column)];
+                }
+            }
+            sum / 256.0
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn every_level_is_the_filtered_one_before(
+            height in 1usize..40, width in 1usize..40, seed in any::<u32>(), threads in 1usize..4
+        ) {
+            let frame = Array2::from_shape_fn((height, width), |(y, x)| {
+                ((y * 57 + x * 131 + seed as usize % 1009) * 7919 % 256) as u8
+            });
+            for level in Level::available() {
+                let execution = Execution::default().threads(threads).level(level);
+                let pyramid = Pyramid::new(frame.view(), 4, &execution).unwrap();
+                let mut want = frame.mapv(f64::from);
+                for plane in pyramid.levels() {
+                    prop_assert_eq!((plane.height(), plane.width()), want.dim());
+                    for ((y, x), value) in want.indexed_iter() {
+                        prop_assert!((f64::from(plane.row(y)[x]) - value).abs() < 1e-3);
+                    }
+                    want = reference(&want);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_level_is_an_error() {
+        let frame = Array2::<u8>::zeros((4, 4));
+        let error = Pyramid::new(frame.view(), 0, &Execution::default()).unwrap_err();
+        assert_eq!(error.to_string(), "levels: got 0, expected 1 or more");
+    }
+}

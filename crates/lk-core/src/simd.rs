@@ -1,0 +1,156 @@
+//! CPU levels and dispatch: the only file of this crate that may hold `unsafe`.
+//!
+//! A kernel is one generic body ([`Kernel::run`], `#[inline(always)]`), written over lane arrays or plain slices so
+//! that the compiler vectorises it. [`dispatch`] compiles that body once per level and picks one at run time, once per
+//! band of rows or chunk of points. No level fuses a multiplication with an addition, so all give the same bits.
+#![allow(unsafe_code)]
+
+use std::sync::OnceLock;
+
+/// A set of vector instructions. Results do not depend on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
+pub enum Level {
+    /// What every CPU of the architecture has: SSE2 on x86-64, NEON on aarch64.
+    Baseline,
+    /// AVX2 (x86-64).
+    Avx2,
+    /// AVX-512 F, BW, DQ and VL (x86-64).
+    Avx512,
+}
+
+impl Level {
+    /// The best level of this CPU, or less where the environment variable `RSFLOW_CPU` says
+    /// `baseline`, `avx2` or `avx512`. Read once.
+    #[must_use]
+    pub fn detected() -> Self {
+        static DETECTED: OnceLock<Level> = OnceLock::new();
+        *DETECTED.get_or_init(|| {
+            let best = Self::of_this_cpu();
+            match std::env::var("RSFLOW_CPU").as_deref() {
+                Ok("baseline") => Self::Baseline,
+                Ok("avx2") => best.min(Self::Avx2),
+                _ => best,
+            }
+        })
+    }
+
+    /// Every level that this CPU can run, the plainest first.
+    #[must_use]
+    pub fn available() -> Vec<Self> {
+        [Self::Baseline, Self::Avx2, Self::Avx512]
+            .into_iter()
+            .filter(|level| *level <= Self::of_this_cpu())
+            .collect()
+    }
+
+    /// The level's name, as `RSFLOW_CPU` takes it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Baseline => "baseline",
+            Self::Avx2 => "avx2",
+            Self::Avx512 => "avx512",
+        }
+    }
+
+    fn of_this_cpu() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let avx2 = is_x86_feature_detected!("avx2");
+            let avx512 = is_x86_feature_detected!("avx512f")
+                && is_x86_feature_detected!("avx512bw")
+                && is_x86_feature_detected!("avx512dq")
+                && is_x86_feature_detected!("avx512vl");
+            if avx2 && avx512 {
+                return Self::Avx512;
+            }
+            if avx2 {
+                return Self::Avx2;
+            }
+        }
+        Self::Baseline
+    }
+}
+
+/// The body of a kernel, written once for all levels.
+pub(crate) trait Kernel {
+    /// What the kernel returns.
+    type Output;
+
+    /// Do the work. Mark the implementation `#[inline(always)]`, and what it calls too, so that each level compiles it
+    /// with its own instructions.
+    fn run(self) -> Self::Output;
+}
+
+/// Run `kernel` with the instructions of `level`.
+pub(crate) fn dispatch<K: Kernel>(level: Level, kernel: K) -> K::Output {
+    #[cfg(target_arch = "x86_64")]
+    {
+        match level.min(Level::of_this_cpu()) {
+            // SAFETY: `of_this_cpu` has found avx512f, bw, dq, vl and avx2 on this CPU.
+            Level::Avx512 => return unsafe { run_avx512(kernel) },
+            // SAFETY: `of_this_cpu` has found avx2 on this CPU.
+            Level::Avx2 => return unsafe { run_avx2(kernel) },
+            Level::Baseline => {}
+        }
+    }
+    let _ = level;
+    kernel.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,avx512f,avx512bw,avx512dq,avx512vl")]
+fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Sum<'a>(&'a [f32]);
+
+    impl Kernel for Sum<'_> {
+        type Output = f32;
+
+        #[inline(always)]
+        fn run(self) -> f32 {
+            let mut lanes = [0.0f32; 8];
+            for chunk in self.0.chunks_exact(8) {
+                for (lane, value) in lanes.iter_mut().zip(chunk) {
+                    *lane += value * value;
+                }
+            }
+            lanes.iter().sum()
+        }
+    }
+
+    #[test]
+    fn levels_are_ordered_and_named() {
+        let levels = Level::available();
+        assert_eq!(levels[0], Level::Baseline);
+        assert!(levels.windows(2).all(|pair| pair[0] < pair[1]));
+        assert!(levels.contains(&Level::detected()));
+        assert_eq!(Level::Avx2.name(), "avx2");
+    }
+
+    #[test]
+    fn every_level_gives_the_same_bits() {
+        let data: Vec<f32> = (0..4096u16).map(|i| (f32::from(i) * 0.37).sin()).collect();
+        let want = dispatch(Level::Baseline, Sum(&data));
+        for level in Level::available() {
+            assert_eq!(
+                dispatch(level, Sum(&data)).to_bits(),
+                want.to_bits(),
+                "{level:?}"
+            );
+        }
+    }
+}

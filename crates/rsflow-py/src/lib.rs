@@ -1,0 +1,66 @@
+//! `rsflow._core`: numpy arrays in, lk-core, numpy arrays out. No algorithm lives here.
+//!
+//! Every call releases the GIL while it computes, and long ones look for signals; see [`interrupt`].
+
+mod errors;
+mod frames;
+mod interrupt;
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// Set the number of threads of all calls; 0 means one for each CPU.
+#[pyfunction]
+fn set_num_threads(threads: isize) -> PyResult<()> {
+    let threads = usize::try_from(threads).map_err(|_| {
+        errors::to_python(&lk_core::Error::option(
+            "threads",
+            threads,
+            "0 (one for each CPU) or a positive number",
+        ))
+    })?;
+    lk_core::set_num_threads(threads);
+    Ok(())
+}
+
+/// The number of threads of all calls.
+#[pyfunction]
+fn get_num_threads() -> usize {
+    lk_core::num_threads()
+}
+
+/// What this build is and which instructions it uses here.
+#[pyfunction]
+fn build_info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+    let info = PyDict::new(py);
+    info.set_item("version", env!("CARGO_PKG_VERSION"))?;
+    info.set_item("cpu_level", lk_core::Level::detected().name())?;
+    let levels: Vec<_> = lk_core::Level::available()
+        .into_iter()
+        .map(lk_core::Level::name)
+        .collect();
+    info.set_item("cpu_levels", levels)?;
+    info.set_item("threads", lk_core::num_threads())?;
+    info.set_item(
+        "profile",
+        if cfg!(debug_assertions) {
+            "debug"
+        } else {
+            "release"
+        },
+    )?;
+    info.set_item(
+        "target",
+        format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS),
+    )?;
+    Ok(info)
+}
+
+#[pymodule]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_function(wrap_pyfunction!(set_num_threads, module)?)?;
+    module.add_function(wrap_pyfunction!(get_num_threads, module)?)?;
+    module.add_function(wrap_pyfunction!(build_info, module)?)?;
+    Ok(())
+}

@@ -1,0 +1,64 @@
+"""Motion from picture sequences on a CPU.
+
+How far a window moved, where every point and pixel went, what moves and what stands still, and how fast a camera
+travels over the ground, in changing light and over large displacements.
+
+Motion is from `prev` to `next`: what was at (x, y) in `prev` is at (x + u, y + v) in `next`, with x to the right,
+y down, pixel centres at integers. Heavy modules load when they are first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from ._core import __version__, build_info, get_num_threads, set_num_threads
+from .errors import (
+    CalibrationError,
+    CaptureError,
+    DTypeError,
+    FormatError,
+    MissingExtraError,
+    OptionError,
+    RsflowError,
+    ShapeError,
+)
+
+if TYPE_CHECKING:
+    pass
+
+# Where each public name lives; the module is imported when the name is first used.
+_LAZY: dict[str, str] = {}
+
+# Submodules that are reached as attributes of the package.
+_SUBMODULES = ("camera", "interop", "synthetic")
+
+__all__ = [
+    "CalibrationError",
+    "CaptureError",
+    "DTypeError",
+    "FormatError",
+    "MissingExtraError",
+    "OptionError",
+    "RsflowError",
+    "ShapeError",
+    "__version__",
+    "build_info",
+    "get_num_threads",
+    "set_num_threads",
+]
+
+
+def __getattr__(name: str) -> Any:
+    module = _LAZY.get(name)
+    if module is not None:
+        value = getattr(importlib.import_module(module, __name__), name)
+        globals()[name] = value
+        return value
+    if name in _SUBMODULES:
+        return importlib.import_module(f".{name}", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LAZY, *_SUBMODULES})

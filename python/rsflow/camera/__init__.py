@@ -1,0 +1,1 @@
+"""Cameras: the model, its calibration, its files, and frames from a camera, a video or pictures."""
