@@ -1,0 +1,61 @@
+# Each target does its own set-up and works on a fresh machine: Python 3.11 or newer, a Rust toolchain, and the
+# package registries are all it needs.
+
+PYTHON ?= python3
+VENV ?= .venv
+OUT ?= out
+RUN := $(VENV)/bin/python
+
+SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE \
+	$(shell find crates python -type f \( -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.toml' -o -name '*.json' -o -name '*.md' -o -name 'py.typed' \))
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-rust test-python lint bench docs clean
+
+help: ## Show the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
+
+demo: $(VENV)/.package ## Build, install into .venv, run the main job on a made flight, say where to look
+	$(RUN) -m rsflow demo -o $(OUT)/demo
+	@echo
+	@echo "Open $(OUT)/demo/report.html in a browser."
+
+test: test-rust test-python ## Run all tests
+
+test-rust: ## Run the Rust tests
+	cargo test --workspace --locked
+
+test-python: $(VENV)/.package $(VENV)/.test ## Run the Python tests, README and docs blocks among them
+	$(RUN) -m pytest -q tests
+
+lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdoc, ruff, mypy --strict, stubtest
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --locked -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/mypy
+	$(RUN) -m mypy.stubtest rsflow._core --ignore-disjoint-bases
+
+bench: $(VENV)/.package $(VENV)/.test ## Measure speed and accuracy; rewrites the tables of the README
+	cargo bench --workspace --locked
+	$(RUN) -m rsflow bench --update README.md
+
+docs: $(VENV)/.package $(VENV)/.docs ## Build the documentation into docs/_build
+	$(RUN) -m sphinx -W -b html docs docs/_build
+
+clean: ## Remove what was built
+	rm -rf target $(VENV) $(OUT) docs/_build
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+	$(RUN) -m pip install --quiet --upgrade 'pip>=25.1'
+
+# The package with all extras, built in release mode and installed as a user would.
+$(VENV)/.package: $(SOURCES) | $(VENV)/bin/python
+	$(RUN) -m pip install --quiet '.[all]'
+	@touch $@
+
+$(VENV)/.test $(VENV)/.lint $(VENV)/.docs: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
+	$(RUN) -m pip install --quiet --group $*
+	@touch $@
