@@ -25,13 +25,16 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
-    pass
+    from .io import read_flow, write_flow
 
 # Where each public name lives; the module is imported when the name is first used.
-_LAZY: dict[str, str] = {}
+_LAZY: dict[str, str] = {
+    "read_flow": ".io",
+    "write_flow": ".io",
+}
 
 # Submodules that are reached as attributes of the package.
-_SUBMODULES = ("camera", "interop", "synthetic")
+_SUBMODULES = ("camera", "interop", "io", "synthetic")
 
 __all__ = [
     "CalibrationError",
@@ -45,7 +48,9 @@ __all__ = [
     "__version__",
     "build_info",
     "get_num_threads",
+    "read_flow",
     "set_num_threads",
+    "write_flow",
 ]
 
 
