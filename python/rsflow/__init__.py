@@ -25,10 +25,16 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
+    from .camera.capture import Frame, Frames, frames
+    from .camera.model import Camera
     from .io import read_flow, write_flow
 
 # Where each public name lives; the module is imported when the name is first used.
 _LAZY: dict[str, str] = {
+    "Camera": ".camera.model",
+    "Frame": ".camera.capture",
+    "Frames": ".camera.capture",
+    "frames": ".camera.capture",
     "read_flow": ".io",
     "write_flow": ".io",
 }
@@ -38,15 +44,19 @@ _SUBMODULES = ("camera", "interop", "io", "synthetic")
 
 __all__ = [
     "CalibrationError",
+    "Camera",
     "CaptureError",
     "DTypeError",
     "FormatError",
+    "Frame",
+    "Frames",
     "MissingExtraError",
     "OptionError",
     "RsflowError",
     "ShapeError",
     "__version__",
     "build_info",
+    "frames",
     "get_num_threads",
     "read_flow",
     "set_num_threads",

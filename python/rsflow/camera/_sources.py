@@ -1,0 +1,239 @@
+"""Which reader serves a source, and the readers of pictures and of arrays in memory."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CaptureError, DTypeError, OptionError
+from .capture import Frame, Frames, Raw, Reader, Timestamps
+
+_PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".pnm", ".webp", ".jp2", ".exr", ".hdr")
+_LIVE_SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "udp", "rtp", "srt", "tcp", "mms")
+_NUMBERED = re.compile(r"%0?\d*d")
+
+
+def natural_key(path: Path) -> tuple[tuple[int, int | str], ...]:
+    """Sort key that puts img2 before img10."""
+    parts = re.split(r"(\d+)", path.name)
+    return tuple((0, int(part)) if part.isdigit() else (1, part.casefold()) for part in parts if part)
+
+
+def open_source(source: Any, *, newest: bool | None, timeout_s: float, camera_size: tuple[int, int] | None) -> Reader:
+    """Find out what `source` is and open it."""
+    live = _live_name(source, newest)
+    if live is not None:
+        from ._live import LiveReader
+
+        return LiveReader(live, newest=newest is not False, timeout_s=timeout_s, camera_size=camera_size)
+    if newest:
+        raise OptionError(f"newest: got True, but {_name(source)} is not live: no frame of it is lost by waiting")
+    if camera_size is not None:
+        raise OptionError(f"camera_size: got {camera_size}, but {_name(source)} is not a camera")
+    if isinstance(source, Frames):
+        raise OptionError(
+            "source: got the frames of another call, which have their options already: use them as they are"
+        )
+    if isinstance(source, np.ndarray):
+        if source.ndim not in (3, 4):
+            raise OptionError(
+                f"source: got one array of shape {source.shape}, expected (N, H, W), (N, H, W, 3) or a list"
+            )
+        return ArrayReader(source, len(source))
+    if isinstance(source, (str, os.PathLike)):
+        return _open_path(os.fspath(source))
+    if not isinstance(source, Iterable):
+        raise OptionError(f"source: got {type(source).__name__}, expected an index, a path, a URL, arrays or a list")
+    if isinstance(source, (list, tuple)):
+        if not source:
+            raise CaptureError("source: got an empty list, expected at least one frame")
+        if all(isinstance(item, (str, os.PathLike)) for item in source):
+            return PictureReader([Path(item) for item in source], f"list of {len(source)} pictures")
+        return ArrayReader(source, len(source))
+    return ArrayReader(source, None)
+
+
+def _live_name(source: Any, newest: bool | None) -> int | str | None:
+    """Give what to hand to VideoCapture where the source is live, else None."""
+    if isinstance(source, (bool, np.bool_)):
+        raise OptionError(f"source: got {source}, expected a camera's index, a path, a URL, arrays or a list")
+    if isinstance(source, (int, np.integer)):
+        if source < 0:
+            raise OptionError(f"source: got the camera index {source}, expected at least 0")
+        return int(source)
+    if not isinstance(source, (str, os.PathLike)):
+        return None
+    text = os.fspath(source)
+    if text.isdigit() and not Path(text).exists():
+        return int(text)
+    if "://" in text:
+        return text if newest or text.split("://")[0].lower() in _LIVE_SCHEMES else None
+    return text if text.startswith("/dev/video") else None
+
+
+def _name(source: Any) -> str:
+    return str(source) if isinstance(source, (str, os.PathLike)) else f"a {type(source).__name__}"
+
+
+def _open_path(text: str) -> Reader:
+    from ._video import VideoReader
+
+    if not text:
+        raise CaptureError("source: got an empty path")
+    if "://" in text:
+        return VideoReader(text)
+    path = Path(text)
+    if path.is_dir():
+        found = [item for item in path.iterdir() if item.suffix.lower() in _PICTURES and not item.name.startswith(".")]
+        if not found:
+            raise CaptureError(f"{text}: the folder holds no picture ({', '.join(_PICTURES)})")
+        return PictureReader(sorted(found, key=natural_key), text)
+    if path.exists():
+        if path.stat().st_size == 0:
+            raise CaptureError(f"{text}: the file is empty")
+        return PictureReader([path], text) if path.suffix.lower() in _PICTURES else VideoReader(text)
+    matches = _matches(text)
+    if matches is None:
+        raise CaptureError(f"{text}: no such file or folder")
+    if not matches:
+        raise CaptureError(f"{text}: no file matches")
+    if len(matches) == 1 and matches[0].suffix.lower() not in _PICTURES:
+        return VideoReader(str(matches[0]))
+    return PictureReader(matches, text)
+
+
+def _matches(pattern: str) -> list[Path] | None:
+    """Files that match a glob or a numbered pattern, in natural order; None where `pattern` is neither."""
+    numbered = _NUMBERED.search(pattern)
+    if numbered:
+        head, tail = pattern[: numbered.start()], pattern[numbered.end() :]
+        names = glob.glob(glob.escape(head) + "*" + glob.escape(tail))  # noqa: PTH207
+        names = [name for name in names if name[len(head) : len(name) - len(tail)].isdigit()]
+    elif glob.has_magic(pattern):
+        names = glob.glob(pattern, recursive=True)  # noqa: PTH207
+    else:
+        return None
+    return sorted((Path(name) for name in names if Path(name).is_file()), key=natural_key)
+
+
+class PictureReader:
+    """Picture files in the order given."""
+
+    def __init__(self, paths: list[Path], source: str) -> None:
+        self.source = source
+        self.frame_rate: float | None = None
+        self.count: int | None = len(paths)
+        self.timestamps: Timestamps = "none"
+        self.live = False
+        self.notes: tuple[str, ...] = ()
+        self._paths = paths
+        self._next = 0
+        self._ahead = read_picture(paths[0])
+        height, width = self._ahead.shape[:2]
+        self.size: tuple[int, int] | None = (width, height)
+
+    def read(self, wanted: bool) -> Raw | None:
+        """Give the next picture; one that is not wanted is not read."""
+        index = self._next
+        if index >= len(self._paths):
+            return None
+        self._next += 1
+        path = self._paths[index]
+        image = (self._ahead if index == 0 else read_picture(path)) if wanted else None
+        return Raw(image, float("nan"), index, str(path))
+
+    def close(self) -> None:
+        """End the reading."""
+        self._next = len(self._paths)
+
+
+class ArrayReader:
+    """Arrays, (array, t_s) pairs or `Frame` objects in memory, or made one by one by an iterable."""
+
+    def __init__(self, items: Iterable[Any], count: int | None) -> None:
+        self.source = "arrays" if count is None else f"list of {count} arrays"
+        self.frame_rate: float | None = None
+        self.count = count
+        self.live = False
+        self.notes: tuple[str, ...] = ()
+        self._items: Iterator[Any] = iter(items)
+        self._next = 0
+        self._ahead = next(self._items, None)
+        if self._ahead is None:
+            raise CaptureError("source: got no frame, expected at least one")
+        image, t_s, _ = self._parts(self._ahead, 0)
+        self.size: tuple[int, int] | None = (image.shape[1], image.shape[0]) if image.ndim >= 2 else None
+        self.timestamps: Timestamps = "none" if np.isnan(t_s) else "given"
+
+    def _parts(self, item: Any, index: int) -> tuple[NDArray[Any], float, str]:
+        if isinstance(item, Frame):
+            return (item.image if item.color is None else item.color), item.t_s, item.name
+        if isinstance(item, (str, os.PathLike)):
+            return read_picture(Path(item)), float("nan"), str(item)
+        t_s = float("nan")
+        if isinstance(item, tuple) and len(item) == 2:
+            item, t_s = item
+            if isinstance(item, (str, os.PathLike)):
+                return read_picture(Path(item)), float(t_s), str(item)
+        if not isinstance(item, np.ndarray):
+            raise DTypeError(
+                f"source: item {index} is a {type(item).__name__}, expected an array, an (array, t_s) pair, "
+                "a path or a Frame"
+            )
+        return item, float(t_s), ""
+
+    def read(self, wanted: bool) -> Raw | None:
+        """Give the next array."""
+        item = self._ahead if self._next == 0 else next(self._items, None)
+        if item is None:
+            return None
+        index = self._next
+        self._next += 1
+        image, t_s, name = self._parts(item, index)
+        return Raw(image, t_s, index, name)
+
+    def close(self) -> None:
+        """Let go of what is left."""
+        self._items = iter(())
+        self._ahead = None
+
+
+def read_picture(path: Path) -> NDArray[Any]:
+    """Read a picture file in its own depth, as grey or BGR, on the sensor's pixel grid (EXIF rotation is not applied).
+
+    Raises
+    ------
+    CaptureError
+        If the file is missing, empty, truncated or not a picture.
+    """
+    import cv2
+
+    from ._video import quiet
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if not data:
+        raise CaptureError(f"{path}: the file is empty")
+    # The JPEG decoder fills what is missing with grey and only warns: the end marker must be there.
+    if data[:2] == b"\xff\xd8" and b"\xff\xd9" not in data[-65536:]:
+        raise CaptureError(f"{path}: the picture is truncated: a JPEG of {len(data)} bytes without its end marker")
+    if data[:8] == b"\x89PNG\r\n\x1a\n" and b"IEND" not in data[-65536:]:
+        raise CaptureError(f"{path}: the picture is truncated: a PNG of {len(data)} bytes without its end marker")
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    with quiet():
+        try:
+            image: NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        except cv2.error:
+            image = None
+    if image is None:
+        raise CaptureError(f"{path}: cannot be decoded as a picture ({len(data)} bytes)")
+    return image

@@ -1,0 +1,113 @@
+"""YAML of ROS and kalibr: safe reading through PyYAML, and writing without it."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from .._extras import require
+from ..errors import FormatError, OptionError
+from .model import Camera
+
+# Nesting beyond this is not a camera's: it is refused before the parser recurses.
+_DEPTH = 20
+
+_EXPONENT = re.compile(r"[-+]?\d+[eE][-+]?\d+")
+
+
+def parse(path: str, text: str) -> Any:
+    """Parse the first document of a YAML text into plain values.
+
+    Tags that make objects are refused by the safe loader; aliases too, since a few lines of them can stand for
+    gigabytes.
+    """
+    yaml = require("yaml", extra="yaml", purpose=f"reading {path}")
+    depth = 0
+    try:
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            if isinstance(event, yaml.AliasEvent):
+                line = event.start_mark.line + 1
+                raise FormatError(f"{path}: line {line}: got a YAML alias, expected a file without aliases")
+            if isinstance(event, yaml.CollectionStartEvent):
+                depth += 1
+                if depth > _DEPTH:
+                    raise FormatError(f"{path}: got YAML nested deeper than {_DEPTH} levels")
+            elif isinstance(event, yaml.CollectionEndEvent):
+                depth -= 1
+            elif isinstance(event, yaml.DocumentEndEvent):
+                break
+        return _with_numbers(next(iter(yaml.safe_load_all(text)), None))
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"line {mark.line + 1}: " if mark is not None else ""
+        raise FormatError(f"{path}: {where}not valid YAML: {getattr(error, 'problem', None) or error}") from None
+    except (ValueError, RecursionError, TypeError) as error:
+        if isinstance(error, FormatError):
+            raise
+        raise FormatError(f"{path}: not valid YAML: {error}") from None
+
+
+def _with_numbers(value: Any) -> Any:
+    """Turn 1e-05 into a number: YAML 1.1 takes it for a word, since it has no point, and C++ programs write it."""
+    if isinstance(value, dict):
+        return {key: _with_numbers(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_with_numbers(item) for item in value]
+    return float(value) if isinstance(value, str) and _EXPONENT.fullmatch(value) else value
+
+
+def _numbers(values: Any) -> str:
+    # With a point before the exponent, which YAML 1.1 needs to see a number.
+    texts = [repr(float(value)) for value in values]
+    return f"[{', '.join(t if '.' in t else t.replace('e', '.0e') for t in texts)}]"
+
+
+def ros_text(camera: Camera, name: str) -> str:
+    """Write ROS camera_info, as camera_calibration does."""
+    if camera.model == "fisheye":
+        lens, coefficients = "equidistant", camera.distortion or (0.0,) * 4
+    elif len(camera.distortion) <= 5:
+        lens, coefficients = "plumb_bob", (*camera.distortion, *[0.0] * (5 - len(camera.distortion)))
+    elif len(camera.distortion) == 8:
+        lens, coefficients = "rational_polynomial", camera.distortion
+    else:
+        raise OptionError(f"format: ROS camera_info cannot hold {len(camera.distortion)} distortion coefficients")
+    K = camera.matrix
+    projection = [*K[0], 0.0, *K[1], 0.0, *K[2], 0.0]
+    # A name that YAML would take for something else (a number, a colon in it) must be quoted.
+    quoted = '"' + "".join(c if c.isprintable() and c not in '"\\' else "_" for c in name) + '"'
+    parts = [
+        f"image_width: {camera.width}",
+        f"image_height: {camera.height}",
+        f"camera_name: {quoted}",
+        _matrix("camera_matrix", 3, 3, K.ravel()),
+        f"distortion_model: {lens}",
+        _matrix("distortion_coefficients", 1, len(coefficients), coefficients),
+        _matrix("rectification_matrix", 3, 3, [1, 0, 0, 0, 1, 0, 0, 0, 1]),
+        _matrix("projection_matrix", 3, 4, projection),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _matrix(name: str, rows: int, cols: int, data: Any) -> str:
+    return f"{name}:\n  rows: {rows}\n  cols: {cols}\n  data: {_numbers(data)}"
+
+
+def kalibr_text(camera: Camera) -> str:
+    """Write a kalibr camchain with this one camera, cam0."""
+    coefficients = camera.distortion or (0.0,) * 4
+    if camera.model == "fisheye":
+        lens = "equidistant"
+    elif any(coefficients[4:]):
+        raise OptionError(f"format: kalibr's radtan cannot hold {camera.distortion_names[4:]}, which are not zero")
+    else:
+        lens = "radtan"
+    lines = [
+        "cam0:",
+        "  camera_model: pinhole",
+        f"  intrinsics: {_numbers((camera.fx, camera.fy, camera.cx, camera.cy))}",
+        f"  distortion_model: {lens}",
+        f"  distortion_coeffs: {_numbers(coefficients[:4])}",
+        f"  resolution: [{camera.width}, {camera.height}]",
+    ]
+    return "\n".join(lines) + "\n"

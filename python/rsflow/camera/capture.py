@@ -1,0 +1,442 @@
+"""Frames with their times, from a live camera, a video, a folder or glob of pictures, a list, or a URL."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Protocol, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CaptureError, DTypeError, FormatError, OptionError, ShapeError
+
+__all__ = ["Frame", "FrameSource", "Frames", "Timestamps", "frames"]
+
+Timestamps: TypeAlias = Literal["file", "given", "rate", "clock", "none"]
+FrameSource: TypeAlias = "int | str | os.PathLike[str] | NDArray[Any] | Iterable[Any]"
+
+_DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One picture of a sequence.
+
+    Attributes
+    ----------
+    image : (H, W) array of uint8, uint16 or float32
+        The grey picture, cropped to the region of interest; (H, W, 3) BGR where `frames` was called with
+        ``grey=False`` and the source has colour.
+    t_s : float
+        Time in seconds. What its zero is depends on the source: the first frame of a video, the machine's monotonic
+        clock for a live camera. NaN where nothing says when the picture was taken.
+    index : int
+        Position in the source, counted from 0 before `start` and `stride`. For a live camera it counts the frames
+        that the camera gave, so a gap tells how many were dropped.
+    color : (H, W, 3) array or None
+        The same picture in colour, BGR, in the source's own depth; only with ``color=True``.
+    name : str
+        File name of a picture; empty where frames have no names.
+    """
+
+    image: NDArray[Any]
+    t_s: float
+    index: int
+    color: NDArray[Any] | None = None
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Raw:
+    """What a reader gives: the picture as the source has it (None where it was skipped), its time and number."""
+
+    image: NDArray[Any] | None
+    t_s: float
+    index: int
+    name: str = ""
+
+
+class Reader(Protocol):
+    """One kind of source. `read` gives the next frame, or None at the end, or raises `CaptureError`."""
+
+    source: str
+    size: tuple[int, int] | None
+    frame_rate: float | None
+    count: int | None
+    timestamps: Timestamps
+    live: bool
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Peculiarities that were mended."""
+
+    def read(self, wanted: bool) -> Raw | None:
+        """Give the next frame; its picture may be None where it is not wanted."""
+
+    def close(self) -> None:
+        """Release the source; harmless when repeated."""
+
+
+class Frames(Iterator[Frame]):
+    """The frames of one source: an iterator, and a context manager that releases the source.
+
+    Made by `frames`.
+
+    Attributes
+    ----------
+    source : str
+        What is read, as a message would name it.
+    size : (int, int) or None
+        Width and height of the frames to come, after the region of interest; None before the first frame of a source
+        that does not say.
+    frame_rate : float or None
+        Nominal rate in frames per second of the source, before `stride`; None where it is not known.
+    count : int or None
+        How many frames are to be expected, after `start`, `stop` and `stride`. A container's own figure: a file with
+        dropped frames gives fewer.
+    timestamps : {"file", "given", "rate", "clock", "none"}
+        Where `Frame.t_s` is from: the file's own timestamps; `times` or `frame_rate` of the call; the nominal rate,
+        since the file has no timestamps; the monotonic clock at the moment a live frame came; nothing (NaN).
+    live : bool
+        True for a camera or stream, which has no end.
+    notes : tuple of str
+        Peculiarities of the source that were mended, one sentence each.
+    """
+
+    def __init__(
+        self,
+        reader: Reader,
+        *,
+        grey: bool,
+        color: bool,
+        roi: tuple[int, int, int, int] | None,
+        start: int,
+        stop: int | None,
+        stride: int,
+        times: NDArray[np.float64] | None,
+        frame_rate: float | None,
+    ) -> None:
+        self._reader = reader
+        self._grey, self._color, self._roi = grey, color, roi
+        self._start, self._stop, self._stride = start, stop, stride
+        self._times, self._given_rate = times, frame_rate
+        self._position = 0
+        self._first: tuple[tuple[int, ...], np.dtype[Any], str] | None = None
+        self._closed = False
+        self.source = reader.source
+        self.live = reader.live
+        self.frame_rate = frame_rate if frame_rate is not None else reader.frame_rate
+        self.timestamps: Timestamps = reader.timestamps if times is None and frame_rate is None else "given"
+        if reader.size is not None:
+            check_roi(roi, reader.size, self.source)
+        if times is not None and reader.count is not None and len(times) < reader.count and stop is None:
+            raise OptionError(f"times: got {len(times)} times for the {reader.count} frames of {self.source}")
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width and height of the frames, in pixels."""
+        return (self._roi[2], self._roi[3]) if self._roi is not None else self._reader.size
+
+    @property
+    def count(self) -> int | None:
+        """How many frames are to be expected; None where the source does not say."""
+        total = self._reader.count
+        if total is None:
+            if self.live and self._stop is not None:
+                total = self._stop
+            else:
+                return None
+        end = total if self._stop is None else min(total, self._stop)
+        return max(0, -((self._start - end) // self._stride))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Peculiarities of the source that were mended."""
+        return self._reader.notes
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Frame:
+        if self._closed:
+            raise StopIteration
+        try:
+            while self._stop is None or self._position < self._stop:
+                offset = self._position - self._start
+                wanted = offset >= 0 and offset % self._stride == 0
+                raw = self._reader.read(wanted)
+                if raw is None:
+                    break
+                self._position += 1
+                if wanted and raw.image is not None:
+                    return self._frame(raw, raw.image)
+        except BaseException:
+            self.close()
+            raise
+        self.close()
+        raise StopIteration
+
+    def _frame(self, raw: Raw, image: NDArray[Any]) -> Frame:
+        name = f"{self.source}, frame {raw.index}" if not raw.name else raw.name
+        self._check(image, name)
+        if self._roi is not None:
+            height, width = image.shape[:2]
+            check_roi(self._roi, (width, height), name)
+            x, y, w, h = self._roi
+            image = image[y : y + h, x : x + w]
+        grey = to_grey(image) if self._grey else image
+        color = to_color(image) if self._color else None
+        return Frame(grey, self._time(raw), raw.index, color, raw.name)
+
+    def _check(self, image: NDArray[Any], name: str) -> None:
+        if image.dtype not in _DTYPES:
+            raise DTypeError(f"{name}: got a picture of {image.dtype}, expected uint8, uint16 or float32")
+        if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+            raise ShapeError(f"{name}: got shape {image.shape}, expected (H, W), (H, W, 3) BGR or (H, W, 4) BGRA")
+        if 0 in image.shape:
+            raise ShapeError(f"{name}: got an empty picture of shape {image.shape}")
+        if self._first is None:
+            self._first = (image.shape[:2], image.dtype, name)
+            return
+        shape, dtype, first = self._first
+        if image.shape[:2] != shape:
+            raise ShapeError(
+                f"pictures of different sizes: {first} has {shape[1]} x {shape[0]} pixels, "
+                f"{name} has {image.shape[1]} x {image.shape[0]}"
+            )
+        if image.dtype != dtype:
+            raise DTypeError(f"pictures of different types: {first} is {dtype}, {name} is {image.dtype}")
+
+    def _time(self, raw: Raw) -> float:
+        if self._times is not None:
+            if raw.index >= len(self._times):
+                raise OptionError(f"times: got {len(self._times)} times, but {self.source} has a frame {raw.index}")
+            return float(self._times[raw.index])
+        if self._given_rate is not None:
+            return raw.index / self._given_rate
+        return raw.t_s
+
+    def close(self) -> None:
+        """Release the camera or file; iteration ends."""
+        self._closed = True
+        self._reader.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        size = "size unknown" if self.size is None else f"{self.size[0]} x {self.size[1]}"
+        count = "" if self.count is None else f", {self.count} frames"
+        return f"<Frames of {self.source}: {size}{count}, timestamps from {self.timestamps}>"
+
+
+def to_grey(image: NDArray[Any]) -> NDArray[Any]:
+    """Turn a BGR or BGRA picture into grey, in its own type; a grey one is returned as it is."""
+    if image.ndim == 2:
+        return image
+    if image.shape[2] == 1:
+        return image[:, :, 0]
+    import cv2
+
+    grey: NDArray[Any] = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY if image.shape[2] == 3 else cv2.COLOR_BGRA2GRAY)
+    return grey
+
+
+def to_color(image: NDArray[Any]) -> NDArray[Any]:
+    """Turn a grey or BGRA picture into BGR, in its own type."""
+    if image.ndim == 3 and image.shape[2] == 3:
+        return image
+    import cv2
+
+    code = cv2.COLOR_BGRA2BGR if image.ndim == 3 and image.shape[2] == 4 else cv2.COLOR_GRAY2BGR
+    color: NDArray[Any] = cv2.cvtColor(np.ascontiguousarray(image), code)
+    return color
+
+
+def check_roi(roi: tuple[int, int, int, int] | None, size: tuple[int, int], where: str) -> None:
+    """Raise OptionError unless `roi` lies inside a picture of `size`."""
+    if roi is None:
+        return
+    x, y, w, h = roi
+    if x < 0 or y < 0 or w < 1 or h < 1 or x + w > size[0] or y + h > size[1]:
+        raise OptionError(
+            f"roi: got (x, y, width, height) = {roi}, "
+            f"expected a region inside the {size[0]} x {size[1]} pixels of {where}"
+        )
+
+
+def frames(
+    source: FrameSource,
+    *,
+    grey: bool = True,
+    color: bool = False,
+    roi: tuple[int, int, int, int] | None = None,
+    start: int | None = None,
+    stop: int | None = None,
+    stride: int = 1,
+    frame_rate: float | None = None,
+    times: Sequence[float] | NDArray[Any] | str | os.PathLike[str] | None = None,
+    newest: bool | None = None,
+    timeout_s: float = 5.0,
+    camera_size: tuple[int, int] | None = None,
+) -> Frames:
+    """Read frames with their times from a camera, a video, pictures, arrays or a URL.
+
+    Parameters
+    ----------
+    source : int, str, path, array, or iterable
+        A camera's index (0, or "0"); a video file; a folder of pictures; a glob ("left*.jpg") or numbered pattern
+        ("img%04d.png"); one picture; a URL (rtsp, http, ...); a list of paths, of arrays, or of (array, t_s) pairs;
+        an array (N, H, W) or (N, H, W, 3); any iterable of arrays, pairs or `Frame`. Pictures of a folder or glob
+        come in natural order (img2 before img10). Colour arrays are BGR, as OpenCV's.
+    grey : bool
+        Give `Frame.image` in grey (the default); False leaves it as the source has it.
+    color : bool
+        Also give `Frame.color`, BGR, to draw on.
+    roi : (x, y, width, height), optional
+        Crop to this region, in pixels.
+    start, stop, stride : int, optional
+        Frames to give, as `range(start, stop, stride)` of the source. Frames before `start` are passed over one by
+        one, since seeking in a video is not exact.
+    frame_rate : float, optional
+        Frames per second: times are then index / frame_rate, whatever the file says. For pictures, which have no
+        times of their own, and for slow-motion clips.
+    times : sequence of float or path, optional
+        Time in seconds of each frame of the source, strictly increasing; or a CSV with a column `t_s`, or with one
+        column.
+    newest : bool, optional
+        Give the newest frame and drop the older ones that nobody has taken, so that a slow reader does not fall
+        behind. By default True for a live source, and not possible for a file.
+    timeout_s : float
+        Live sources: how long to wait for a frame, trying to open the source again meanwhile, before `CaptureError`.
+    camera_size : (width, height), optional
+        Live sources: the size to ask the camera for; it may give another.
+
+    Returns
+    -------
+    Frames
+        An iterator of `Frame`, and a context manager.
+
+    Raises
+    ------
+    CaptureError
+        If the source is missing, empty, cannot be decoded, or goes away. A truncated video gives the frames that it
+        has; then the error says how many were promised.
+    ShapeError, DTypeError
+        If pictures differ in size or type (the message names both), or have a type that is not supported.
+    OptionError
+        If an option is outside of what it allows.
+
+    Notes
+    -----
+    Times of a video are the file's own timestamps, also with a variable rate; `Frames.timestamps` says where they
+    are from. Where a file's timestamps go backwards although its pictures are in order (a muxer that wrote decoding
+    times), the sorted timestamps are given to the pictures.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> pictures = [np.full((4, 6), value, np.uint8) for value in (10, 20, 30)]
+    >>> with rsflow.frames(pictures, frame_rate=25.0, stride=2) as source:
+    ...     [(frame.index, frame.t_s, int(frame.image[0, 0])) for frame in source]
+    [(0, 0.0, 10), (2, 0.08, 30)]
+    """
+    begin = _integer("start", 0 if start is None else start, 0)
+    end = None if stop is None else _integer("stop", stop, 0)
+    step = _integer("stride", stride, 1)
+    region = None if roi is None else _region(roi)
+    if frame_rate is not None and not (math.isfinite(frame_rate) and frame_rate > 0):
+        raise OptionError(f"frame_rate: got {frame_rate}, expected a finite number of frames per second above 0")
+    if frame_rate is not None and times is not None:
+        raise OptionError("frame_rate and times: got both, expected one of them")
+    if not (math.isfinite(timeout_s) and timeout_s > 0):
+        raise OptionError(f"timeout_s: got {timeout_s}, expected a finite number of seconds above 0")
+    given = None if times is None else _times(times)
+
+    from ._sources import open_source
+
+    reader = open_source(source, newest=newest, timeout_s=timeout_s, camera_size=camera_size)
+    if reader.live and (frame_rate is not None or times is not None):
+        reader.close()
+        raise OptionError(f"frame_rate, times: {reader.source} is live, its frames carry the clock's time")
+    try:
+        return Frames(
+            reader,
+            grey=grey,
+            color=color,
+            roi=region,
+            start=begin,
+            stop=end,
+            stride=step,
+            times=given,
+            frame_rate=frame_rate,
+        )
+    except BaseException:
+        reader.close()
+        raise
+
+
+def _integer(name: str, value: Any, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise OptionError(f"{name}: got {value!r}, expected an integer of at least {least}")
+    return int(value)
+
+
+def _region(roi: Any) -> tuple[int, int, int, int]:
+    try:
+        x, y, w, h = (int(value) for value in roi if int(value) == value)
+    except (TypeError, ValueError):
+        raise OptionError(f"roi: got {roi!r}, expected four integers (x, y, width, height)") from None
+    return x, y, w, h
+
+
+def _times(times: Any) -> NDArray[np.float64]:
+    where = "times"
+    if isinstance(times, (str, os.PathLike)):
+        where = str(times)
+        values = _times_of_csv(Path(times))
+    else:
+        values = np.asarray(times, dtype=np.float64)
+    if values.ndim != 1 or not np.isfinite(values).all():
+        raise OptionError(f"{where}: got shape {values.shape}, expected one finite time in seconds for each frame")
+    back = np.flatnonzero(np.diff(values) <= 0)
+    if back.size:
+        i = int(back[0])
+        raise OptionError(
+            f"{where}: got {values[i + 1]} s for frame {i + 1} after {values[i]} s, expected strictly increasing times"
+        )
+    return values
+
+
+def _times_of_csv(path: Path) -> NDArray[np.float64]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
+    except FileNotFoundError:
+        raise CaptureError(f"times: no such file: {path}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FormatError(f"{path}: not a CSV file: {error}") from None
+    if not rows:
+        raise FormatError(f"{path}: got an empty file, expected a CSV with a column t_s")
+    header = [cell.strip() for cell in rows[0]]
+    column = header.index("t_s") if "t_s" in header else None
+    if column is None and len(header) > 1:
+        raise FormatError(f"{path}: got the columns {', '.join(header)}, expected one that is called t_s")
+    values = []
+    for number, row in enumerate(rows[0 if column is None else 1 :], start=1 if column is None else 2):
+        try:
+            values.append(float(row[column or 0]))
+        except (ValueError, IndexError):
+            raise FormatError(f"{path}: row {number}: got {','.join(row)!r}, expected a time in seconds") from None
+    return np.array(values)

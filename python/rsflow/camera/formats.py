@@ -1,0 +1,242 @@
+"""Camera files: rsflow's JSON, OpenCV FileStorage, ROS camera_info, kalibr camchain.
+
+Each reader gives a plain dictionary of the document; one place then makes the camera of it, so that the same checks
+and messages hold for every format.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from .._files import writing
+from ..errors import FormatError, OptionError
+from . import _filestorage, _yaml
+from ._document import Document
+from .model import Camera, CameraFormat
+
+__all__ = ["load_camera", "save_camera"]
+
+# A camera file has a few kilobytes, a FileStorage with every corner of a long calibration a few megabytes.
+_MAX_BYTES = 16 * 1024 * 1024
+
+_SUFFIXES: dict[str, CameraFormat] = {".json": "json", ".yaml": "ros", ".yml": "opencv", ".xml": "opencv"}
+
+# Words of ROS and kalibr for the lens models, and how many coefficients each may have.
+_ROS_MODELS: dict[str, tuple[str, tuple[int, ...]]] = {
+    "plumb_bob": ("pinhole", (0, 4, 5)),
+    "rational_polynomial": ("pinhole", (8, 12)),
+    "equidistant": ("fisheye", (4,)),
+    "fisheye": ("fisheye", (4,)),
+    "none": ("pinhole", (0,)),
+    "": ("pinhole", (0,)),
+}
+_KALIBR_MODELS: dict[str, tuple[str, tuple[int, ...]]] = {
+    "radtan": ("pinhole", (4,)),
+    "equidistant": ("fisheye", (4,)),
+    "none": ("pinhole", (0,)),
+}
+_JSON_MARK = "rsflow camera"
+
+
+def load_camera(
+    path: str | os.PathLike[str], *, camera: str | None = None, size: tuple[int, int] | None = None
+) -> Camera:
+    """Read a camera from a file of any known format; see `Camera.load`."""
+    file = Path(path)
+    if file.stat().st_size > _MAX_BYTES:
+        raise FormatError(f"{file}: got {file.stat().st_size} bytes, expected a camera file of at most {_MAX_BYTES}")
+    try:
+        text = file.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FormatError(f"{file}: not a text file: {error}") from None
+    if not text.strip():
+        raise FormatError(f"{file}: the file is empty")
+    document = Document(str(file), _parse(str(file), text))
+    try:
+        return _camera(document, camera, size)
+    except OptionError as error:
+        raise FormatError(f"{file}: {error}") from None
+
+
+def _parse(path: str, text: str) -> Any:
+    head = text.lstrip()
+    if _filestorage.recognizes(text):
+        return _filestorage.parse(path, text)
+    if head.startswith("{"):
+        try:
+            return json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise FormatError(f"{path}: not valid JSON: {error}") from None
+    return _yaml.parse(path, text)
+
+
+def _camera(document: Document, camera: str | None, size: tuple[int, int] | None) -> Camera:
+    """Make the camera, by the keys that tell one format from another."""
+    if document.value("format") == _JSON_MARK:
+        return _from_json(document)
+    chain = document.names_of_maps_with("intrinsics")
+    if chain:
+        if camera is None and len(chain) > 1:
+            raise FormatError(f"{document.path}: got the cameras {', '.join(chain)}: say which one with camera=")
+        name = chain[0] if camera is None else camera
+        if name not in chain:
+            raise FormatError(f"{document.path}: got no camera {name!r}, expected one of {', '.join(chain)}")
+        return _from_kalibr(document.at(name))
+    if document.first("image_width", "width") and document.first("camera_matrix", "K", "k"):
+        if document.first("distortion_model", "D", "d") and not document.value("fisheye_model"):
+            return _from_ros(document)
+        return _from_opencv(document, size)
+    if document.first("camera_matrix", "cameraMatrix", "camera_Matrix", "Camera_Matrix", "K", "M1"):
+        return _from_opencv(document, size)
+    raise FormatError(
+        f"{document.path}: got the keys {document.keys_text()}: not a camera file "
+        "(rsflow JSON, OpenCV FileStorage, ROS camera_info or kalibr camchain)"
+    )
+
+
+def _from_json(document: Document) -> Camera:
+    version = document.integer("version")
+    if version != 1:
+        raise FormatError(f"{document.path}: version: got {version}, expected 1: written by a newer rsflow")
+    std = document.at("std") if document.value("std") is not None else None
+    return Camera(
+        *(document.number(name) for name in ("fx", "fy", "cx", "cy")),
+        width=document.integer("width"),
+        height=document.integer("height"),
+        distortion=document.numbers("distortion"),
+        model=document.word("model", ("pinhole", "fisheye")),
+        std={} if std is None else {name: std.number(name) for name in std.names()},
+    )
+
+
+def _from_kalibr(document: Document) -> Camera:
+    document.word("camera_model", ("pinhole",))
+    lens = document.word("distortion_model", tuple(_KALIBR_MODELS)) if document.first("distortion_model") else "none"
+    model, lengths = _KALIBR_MODELS[lens]
+    fx, fy, cx, cy = document.numbers("intrinsics", (4,))
+    width, height = document.numbers("resolution", (2,))
+    coefficients = () if lens == "none" else document.numbers("distortion_coeffs", lengths)
+    return Camera(
+        fx,
+        fy,
+        cx,
+        cy,
+        width=document.whole("resolution", width),
+        height=document.whole("resolution", height),
+        distortion=coefficients,
+        model=model,  # type: ignore[arg-type]
+    )
+
+
+def _from_ros(document: Document) -> Camera:
+    name = document.first("distortion_model")
+    lens = "plumb_bob" if name is None else document.word(name, tuple(_ROS_MODELS))
+    model, lengths = _ROS_MODELS[lens]
+    key = document.first("distortion_coefficients", "D", "d")
+    coefficients = () if key is None else document.numbers(key)
+    if len(coefficients) not in lengths and any(coefficients):
+        raise FormatError(
+            f"{document.path}: {key}: got {len(coefficients)} coefficients, expected "
+            f"{' or '.join(map(str, lengths))} for the distortion model {lens!r}"
+        )
+    for name in ("binning_x", "binning_y"):
+        if document.value(name) is not None and document.integer(name) > 1:
+            raise FormatError(
+                f"{document.path}: {name}: got {document.integer(name)}, expected no binning: use Camera.scaled"
+            )
+    return Camera.from_matrix(
+        document.matrix(document.first("camera_matrix", "K", "k") or "camera_matrix"),
+        coefficients if any(coefficients) else (),
+        width=document.integer(document.first("image_width", "width") or "image_width"),
+        height=document.integer(document.first("image_height", "height") or "image_height"),
+        model=model,  # type: ignore[arg-type]
+    )
+
+
+def _from_opencv(document: Document, size: tuple[int, int] | None) -> Camera:
+    key = document.first("camera_matrix", "cameraMatrix", "camera_Matrix", "Camera_Matrix", "K", "M1") or ""
+    lens = document.first(
+        "distortion_coefficients", "distCoeffs", "dist_coeffs", "Distortion_Coefficients", "dist_coeff", "D", "D1"
+    )
+    pair = document.first("image_size", "imageSize", "Image_Size", "cameraResolution", "calibImageSize")
+    wide = document.first("image_width", "image_Width", "imageWidth", "width")
+    high = document.first("image_height", "image_Height", "imageHeight", "height")
+    if pair is not None:
+        width, height = (document.whole(pair, value) for value in document.numbers(pair, (2,)))
+    elif wide is not None and high is not None:
+        width, height = document.integer(wide), document.integer(high)
+    elif size is not None:
+        width, height = size
+    else:
+        raise FormatError(
+            f"{document.path}: image_width, image_height: the file does not say the size of the pictures: "
+            "give it, size=(width, height)"
+        )
+    coefficients = () if lens is None else document.numbers(lens)
+    # OpenCV fills up with zeros what was not estimated.
+    while len(coefficients) > 5 and len(coefficients) not in (8, 12) and coefficients[-1] == 0:
+        coefficients = coefficients[:-1]
+    fisheye = bool(document.value("fisheye_model")) or document.value("distortion_model") == "equidistant"
+    camera = Camera.from_matrix(
+        document.matrix(key),
+        coefficients,
+        width=width,
+        height=height,
+        model="fisheye" if fisheye else "pinhole",
+    )
+    return _with_std(camera, document)
+
+
+def _with_std(camera: Camera, document: Document) -> Camera:
+    """Add the deviations under the names that OpenCV's calibration program writes."""
+    if document.value("cameraMatrix_std_dev") is None:
+        return camera
+    std = dict(zip(("fx", "fy", "cx", "cy"), document.numbers("cameraMatrix_std_dev", (4,)), strict=True))
+    if document.value("dist_coeffs_std_dev") is not None:
+        std.update(zip(camera.distortion_names, document.numbers("dist_coeffs_std_dev"), strict=False))
+    return Camera(
+        camera.fx,
+        camera.fy,
+        camera.cx,
+        camera.cy,
+        width=camera.width,
+        height=camera.height,
+        distortion=camera.distortion,
+        model=camera.model,
+        std=std,
+    )
+
+
+def save_camera(camera: Camera, path: str | os.PathLike[str], *, format: CameraFormat | None = None) -> None:
+    """Write a camera; see `Camera.save`."""
+    file = Path(path)
+    kind = format if format is not None else _SUFFIXES.get(file.suffix.lower())
+    if kind is None:
+        raise OptionError(
+            f"{file}: the suffix says no format: use {', '.join(_SUFFIXES)}, or format= json, opencv, ros or kalibr"
+        )
+    if kind == "json":
+        text = _json_text(camera)
+    elif kind == "opencv":
+        suffix = file.suffix.lower()
+        text = _filestorage.text(camera, {".xml": "xml", ".json": "json"}.get(suffix, "yaml"))
+    elif kind == "ros":
+        text = _yaml.ros_text(camera, file.stem)
+    elif kind == "kalibr":
+        text = _yaml.kalibr_text(camera)
+    else:
+        raise OptionError(f"format: got {kind!r}, expected json, opencv, ros or kalibr")
+    with writing(file) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def _json_text(camera: Camera) -> str:
+    fields: dict[str, Any] = {"format": _JSON_MARK, "version": 1, "model": camera.model}
+    fields |= {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
+    fields["distortion"] = list(camera.distortion)
+    if camera.std:
+        fields["std"] = dict(camera.std)
+    return json.dumps(fields, indent=2) + "\n"

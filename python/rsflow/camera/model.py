@@ -1,0 +1,324 @@
+"""The camera: intrinsics in pixels of a stated picture size, and lens distortion."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OptionError, ShapeError
+from . import _distortion
+
+__all__ = ["Camera", "CameraFormat", "CameraModel"]
+
+CameraModel: TypeAlias = Literal["pinhole", "fisheye"]
+CameraFormat: TypeAlias = Literal["json", "opencv", "ros", "kalibr"]
+
+# How many distortion coefficients each model may have, in OpenCV's order.
+_LENGTHS: dict[str, tuple[int, ...]] = {"pinhole": (0, 4, 5, 8, 12), "fisheye": (0, 4)}
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A calibrated camera: where a point of the scene falls in the picture.
+
+    A point (X, Y, Z) of the camera frame (x right, y down, z forward) has the normalised coordinates (X/Z, Y/Z); the
+    lens distorts them, and the intrinsics give the pixel (fx x + cx, fy y + cy). Pixel centres are at integers, so the
+    picture spans -0.5 to width - 0.5. The skew is zero.
+
+    Parameters
+    ----------
+    fx, fy : float
+        Focal length in pixels of the picture size below.
+    cx, cy : float
+        Principal point in pixels.
+    width, height : int
+        Size of the picture that these pixels belong to.
+    distortion : sequence of float
+        OpenCV's coefficients. Model "pinhole": k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]], so 0, 4, 5, 8 or 12 of
+        them. Model "fisheye" (equidistant): k1 k2 k3 k4, or none.
+    model : {"pinhole", "fisheye"}
+        The lens model.
+    std : mapping of str to float
+        Standard deviations of parameters by name ("fx", "cx", "k1", ...), where known.
+
+    Raises
+    ------
+    OptionError
+        If a value is not finite, a focal length or size not positive, or the number of coefficients wrong.
+
+    Examples
+    --------
+    >>> from rsflow import Camera
+    >>> camera = Camera(657.8, 658.4, 311.2, 245.6, width=640, height=480, distortion=(-0.256, 0.131, -0.0002, 0.0))
+    >>> camera.scaled(320, 240).fx
+    328.9
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    _: dataclasses.KW_ONLY
+    width: int
+    height: int
+    distortion: tuple[float, ...] = ()
+    model: CameraModel = "pinhole"
+    std: Mapping[str, float] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        for name in ("fx", "fy", "cx", "cy"):
+            object.__setattr__(self, name, _finite(name, getattr(self, name)))
+        for name in ("fx", "fy"):
+            if getattr(self, name) <= 0:
+                raise OptionError(f"{name}: got {getattr(self, name):g}, expected a focal length in pixels above 0")
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= 1_000_000:
+                raise OptionError(f"{name}: got {value!r}, expected an integer number of pixels from 1 to 1000000")
+            object.__setattr__(self, name, int(value))
+        if self.model not in _LENGTHS:
+            raise OptionError(f"model: got {self.model!r}, expected one of {', '.join(_LENGTHS)}")
+        values = np.ravel(np.asarray(self.distortion, dtype=object)).tolist()
+        object.__setattr__(self, "distortion", tuple(_finite(f"distortion[{i}]", v) for i, v in enumerate(values)))
+        lengths = _LENGTHS[self.model]
+        if len(self.distortion) not in lengths:
+            raise OptionError(
+                f"distortion: got {len(self.distortion)} coefficients, expected "
+                f"{', '.join(map(str, lengths[:-1]))} or {lengths[-1]} for the model {self.model!r}"
+            )
+        known = ("fx", "fy", "cx", "cy", *self.distortion_names)
+        for name, value in self.std.items():
+            if name not in known or not _finite(f"std[{name!r}]", value) >= 0:
+                raise OptionError(
+                    f"std: got {name!r}: {value!r}, expected a deviation of at least 0 for {', '.join(known)}"
+                )
+        object.__setattr__(self, "std", {name: float(value) for name, value in self.std.items()})
+
+    @classmethod
+    def from_matrix(
+        cls,
+        matrix: NDArray[Any] | Sequence[Sequence[float]],
+        distortion: Sequence[float] | NDArray[Any] = (),
+        *,
+        width: int,
+        height: int,
+        model: CameraModel = "pinhole",
+        std: Mapping[str, float] | None = None,
+    ) -> Self:
+        """Make a camera from a 3 x 3 matrix as OpenCV's.
+
+        Raises
+        ------
+        ShapeError
+            If the matrix is not 3 x 3.
+        OptionError
+            If it has a skew, or a last row other than (0, 0, 1).
+        """
+        K = np.asarray(matrix, dtype=np.float64)
+        if K.shape != (3, 3):
+            raise ShapeError(f"matrix: got shape {K.shape}, expected (3, 3)")
+        if abs(K[0, 1]) > 1e-9 * abs(K[0, 0]) or K[1, 0] != 0 or not np.array_equal(K[2], (0.0, 0.0, 1.0)):
+            raise OptionError(f"matrix: got {K.tolist()}, expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] without skew")
+        return cls(
+            K[0, 0],
+            K[1, 1],
+            K[0, 2],
+            K[1, 2],
+            width=width,
+            height=height,
+            distortion=tuple(np.ravel(distortion)),
+            model=model,
+            std=std or {},
+        )
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """The camera matrix K, (3, 3) float64."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture, in pixels."""
+        return self.width, self.height
+
+    @property
+    def distortion_names(self) -> tuple[str, ...]:
+        """Names of the distortion coefficients, in order."""
+        return _distortion.NAMES[self.model][: len(self.distortion)]
+
+    @property
+    def horizontal_fov_rad(self) -> float:
+        """Angle between the rays of the left and right edge of the picture, along the row of the principal point."""
+        return self._angle([(-0.5, self.cy), (self.width - 0.5, self.cy)])
+
+    @property
+    def vertical_fov_rad(self) -> float:
+        """Angle between the rays of the upper and the lower edge, along the column of the principal point."""
+        return self._angle([(self.cx, -0.5), (self.cx, self.height - 0.5)])
+
+    def _angle(self, edges: list[tuple[float, float]]) -> float:
+        pixels = np.array(edges)
+        rays = np.column_stack([self.undistort_points(pixels, normalized=True), np.ones(2)])
+        if not np.isfinite(rays).all():
+            return math.nan
+        return float(math.atan2(np.linalg.norm(np.cross(rays[0], rays[1])), float(rays[0] @ rays[1])))
+
+    def undistort_points(self, points: Any, *, normalized: bool = False) -> NDArray[np.floating[Any]]:
+        """Remove the lens distortion from points of the picture.
+
+        Parameters
+        ----------
+        points : (N, 2) array
+            Pixels (x, y) of the picture as taken.
+        normalized : bool
+            Give normalised coordinates (X/Z, Y/Z) instead of pixels.
+
+        Returns
+        -------
+        (N, 2) array
+            Where an ideal camera with the same intrinsics and no distortion would see the points, in pixels; float32
+            for float32 points, else float64. NaN where no ray inside the valid range of the lens model leads to the
+            point.
+
+        Raises
+        ------
+        ShapeError
+            If `points` is not (N, 2).
+        """
+        pixels, dtype = _points(points)
+        xy = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
+        if any(self.distortion) or self.model == "fisheye":
+            xy = _distortion.invert(self.model, self.distortion, xy)
+        if not normalized:
+            xy = xy * (self.fx, self.fy) + (self.cx, self.cy)
+        return xy.astype(dtype, copy=False)
+
+    def distort_points(self, points: Any, *, normalized: bool = False) -> NDArray[np.floating[Any]]:
+        """Apply the lens distortion: the inverse of `undistort_points`.
+
+        Parameters
+        ----------
+        points : (N, 2) array
+            Ideal pixels (x, y), or normalised coordinates (X/Z, Y/Z) where `normalized` is True.
+        normalized : bool
+            What `points` are.
+
+        Returns
+        -------
+        (N, 2) array
+            Pixels of the picture as taken; float32 for float32 points, else float64.
+
+        Raises
+        ------
+        ShapeError
+            If `points` is not (N, 2).
+        """
+        xy, dtype = _points(points)
+        if not normalized:
+            xy = (xy - (self.cx, self.cy)) / (self.fx, self.fy)
+        xy, _ = _distortion.forward(self.model, self.distortion, xy)
+        return (xy * (self.fx, self.fy) + (self.cx, self.cy)).astype(dtype, copy=False)
+
+    def scaled(self, width: int, height: int) -> Self:
+        """Give the camera of the same pictures resized to `width` x `height`.
+
+        A resized picture spans the same field, from edge to edge: x becomes (x + 0.5) s - 0.5 with s = width / old
+        width, since pixel centres are at integers. That is what `cv2.resize` does. For a crop see `cropped`.
+        """
+        if width < 1 or height < 1:
+            raise OptionError(f"scaled: got {width} x {height}, expected a size of at least 1 x 1")
+        sx, sy = width / self.width, height / self.height
+        factors = {"fx": sx, "cx": sx, "fy": sy, "cy": sy}
+        return dataclasses.replace(
+            self,
+            fx=self.fx * sx,
+            fy=self.fy * sy,
+            cx=(self.cx + 0.5) * sx - 0.5,
+            cy=(self.cy + 0.5) * sy - 0.5,
+            width=width,
+            height=height,
+            std={name: value * factors.get(name, 1.0) for name, value in self.std.items()},
+        )
+
+    def cropped(self, roi: tuple[int, int, int, int]) -> Self:
+        """Give the camera of the same pictures cropped to `roi`, (x, y, width, height) in pixels.
+
+        Raises
+        ------
+        OptionError
+            If the region does not lie inside the picture.
+        """
+        x, y, w, h = roi
+        if x < 0 or y < 0 or w < 1 or h < 1 or x + w > self.width or y + h > self.height:
+            raise OptionError(f"roi: got {roi}, expected a region inside {self.width} x {self.height} pixels")
+        return dataclasses.replace(self, cx=self.cx - x, cy=self.cy - y, width=w, height=h)
+
+    @classmethod
+    def load(
+        cls, path: str | os.PathLike[str], *, camera: str | None = None, size: tuple[int, int] | None = None
+    ) -> Camera:
+        """Read a camera from a file; its format is found from its content.
+
+        Parameters
+        ----------
+        path : path
+            ROS camera_info YAML, OpenCV FileStorage (YAML, XML or JSON), kalibr camchain YAML, or rsflow's JSON.
+        camera : str, optional
+            Which camera of a kalibr chain, "cam0" for instance; needed where it holds several.
+        size : (width, height), optional
+            Size of the calibration pictures, for OpenCV files that do not say it.
+
+        Raises
+        ------
+        FormatError
+            If the content is not a camera; the message names file, key, what it got and what it expected.
+        OSError
+            If the file cannot be read.
+        """
+        from .formats import load_camera
+
+        return load_camera(path, camera=camera, size=size)
+
+    def save(self, path: str | os.PathLike[str], *, format: CameraFormat | None = None) -> None:
+        """Write the camera to a file.
+
+        Parameters
+        ----------
+        path : path
+            ``.json`` is rsflow's own, ``.yaml`` ROS camera_info, ``.yml`` and ``.xml`` OpenCV FileStorage.
+        format : {"json", "opencv", "ros", "kalibr"}, optional
+            Overrules what the suffix says. Deviations (`std`) are kept by "json" and "opencv" only.
+
+        Raises
+        ------
+        OptionError
+            If the suffix says no format, or the format cannot hold this camera.
+        """
+        from .formats import save_camera
+
+        save_camera(self, path, format=format)
+
+
+def _finite(name: str, value: Any) -> float:
+    try:
+        number = math.nan if isinstance(value, (bool, str, bytes)) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise OptionError(f"{name}: got {value!r}, expected a finite number")
+    return number
+
+
+def _points(points: Any) -> tuple[NDArray[np.float64], np.dtype[Any]]:
+    array = np.asarray(points)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ShapeError(f"points: got shape {array.shape}, expected (N, 2), each (x, y)")
+    dtype = array.dtype if array.dtype == np.float32 else np.dtype(np.float64)
+    return array.astype(np.float64), dtype
