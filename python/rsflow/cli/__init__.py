@@ -6,26 +6,93 @@ Exit codes: 0 done, 1 failed (one line on standard error says why), 2 wrong usag
 from __future__ import annotations
 
 import argparse
+import difflib
 import importlib
 import os
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import NoReturn
 
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)` and `run(args) -> int`, one line of help).
 COMMANDS: dict[str, tuple[str, str]] = {}
 
+# Shown first in the overview: where a newcomer begins.
+_FIRST = ("demo", "extract")
 
-class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line and name the help."""
+_OVERVIEW = """\
+first steps:
+  rsflow demo                                  make a flight, extract, compare with the truth
+  rsflow extract clip.mp4 -o out               tables, videos and out/report.html
+  rsflow extract clip.mp4 -o out --camera cam.yaml --height 0.2      the same, with metres per second
 
-    def error(self, message: str) -> None:  # type: ignore[override]
-        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+commands:
+{commands}
+
+'rsflow COMMAND --help' explains each, with examples.
+exit codes: 0 done, 1 failed (one line says why), 2 wrong usage, 130 interrupted.
+RSFLOW_TRACEBACK=1 shows where in the program an error arose."""
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """Give ``; did you mean 'x'?`` for the nearest of `known`, or nothing."""
+    nearest = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f"; did you mean {nearest[0]!r}?" if nearest else ""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, name the help and suggest the nearest option."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print `message` as one line and leave with exit code 2."""
+        unknown = re.match(r"unrecognized arguments: (--[^\s=]+)", message)
+        if unknown:
+            message += suggestion(unknown[1], self._option_string_actions)
+        self.exit(2, f"{self.prog}: {message} (see '{self.prog} --help')\n")
 
 
 def _overview() -> str:
-    width = max((len(name) for name in COMMANDS), default=0)
-    lines = "\n".join(f"  {name:<{width}}  {line}" for name, (_, line) in COMMANDS.items())
-    return f"commands:\n{lines}\n\n'rsflow COMMAND --help' explains each, with examples."
+    names = [name for name in _FIRST if name in COMMANDS] + sorted(set(COMMANDS) - set(_FIRST))
+    width = max((len(name) for name in names), default=0)
+    return _OVERVIEW.format(commands="\n".join(f"  {name:<{width}}  {COMMANDS[name][1]}" for name in names))
+
+
+def _top_parser() -> Parser:
+    from rsflow._core import __version__
+
+    top = Parser(
+        prog="rsflow",
+        usage="rsflow COMMAND [options]",
+        description="Motion from picture sequences on a CPU: displacement, points, dense flow, velocity, "
+        "what moves and what stands still.",
+        epilog=_overview(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    top.add_argument("--version", action="version", version=f"rsflow {__version__}")
+    top.add_argument("command", metavar="COMMAND", nargs="?", help="one of the commands below")
+    return top
+
+
+def _parsed(arguments: list[str]) -> tuple[str, Callable[[argparse.Namespace], int | None], argparse.Namespace]:
+    """Find the command, import it alone, and parse its arguments."""
+    top = _top_parser()
+    if arguments[:1] == ["help"]:
+        arguments = [*arguments[1:2], "--help"]
+    name = top.parse_args(arguments[:1]).command
+    if name is None:
+        top.error(f"a command is needed: {', '.join(sorted(COMMANDS))}")
+    if name not in COMMANDS:
+        top.error(f"there is no command {name!r}{suggestion(name, COMMANDS)}")
+    module = importlib.import_module(COMMANDS[name][0])
+    parser = Parser(
+        prog=f"rsflow {name}",
+        description=module.DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    module.add_arguments(parser)
+    return name, module.run, parser.parse_args(arguments[1:])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -41,49 +108,48 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 done, 1 failed, 2 wrong usage, 130 interrupted.
     """
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    top = _Parser(
-        prog="rsflow",
-        description="Motion from picture sequences on a CPU: displacement, points, dense flow, velocity.",
-        epilog=_overview(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        add_help=True,
-    )
-    from rsflow._core import __version__
-
-    top.add_argument("--version", action="version", version=f"rsflow {__version__}")
-    top.add_argument("command", choices=sorted(COMMANDS), metavar="COMMAND", help="one of the commands below")
     try:
-        name = top.parse_args(arguments[:1]).command
-        module = importlib.import_module(COMMANDS[name][0])
-        parser = _Parser(
-            prog=f"rsflow {name}",
-            description=module.DESCRIPTION,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        module.add_arguments(parser)
-        args = parser.parse_args(arguments[1:])
+        name, run, args = _parsed(list(sys.argv[1:] if argv is None else argv))
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 2
-    return _guarded(name, module.run, args)
+    except KeyboardInterrupt:
+        return 130
+    return _guarded(name, run, args)
 
 
-def _guarded(name: str, run: object, args: argparse.Namespace) -> int:
+def _guarded(name: str, run: Callable[[argparse.Namespace], int | None], args: argparse.Namespace) -> int:
     """Run a command; an expected failure is one line, without a traceback."""
     from rsflow.errors import RsflowError
 
-    assert callable(run)
     try:
-        return int(run(args) or 0)
+        code = int(run(args) or 0)
+        # What is still buffered must fail here, where it is told, not in the interpreter's shutdown.
+        sys.stdout.flush()
+        return code
     except BrokenPipeError:
         # The reader of our output went away, as `| head` does: not an error of ours.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except KeyboardInterrupt:
-        print(f"rsflow {name}: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"rsflow {name}: {_one_line(stop) or 'interrupted'}", file=sys.stderr)
         return 130
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 2
     except (RsflowError, OSError) as error:
         if os.environ.get("RSFLOW_TRACEBACK"):
             raise
-        print(f"rsflow {name}: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"rsflow {name}: {_one_line(error)}", file=sys.stderr)
         return 1
+    except Exception as error:
+        if os.environ.get("RSFLOW_TRACEBACK"):
+            raise
+        print(
+            f"rsflow {name}: internal error, {type(error).__name__}: {_one_line(error)} "
+            "(a fault of rsflow; RSFLOW_TRACEBACK=1 shows where)",
+            file=sys.stderr,
+        )
+        return 1
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())
