@@ -70,7 +70,7 @@ def _top_parser() -> Parser:
         allow_abbrev=False,
     )
     top.add_argument("--version", action="version", version=f"rsflow {__version__}")
-    top.add_argument("command", metavar="COMMAND", nargs="?", help="one of the commands below")
+    top.add_argument("command", metavar="COMMAND", nargs="?", help=argparse.SUPPRESS)
     return top
 
 
