@@ -28,12 +28,14 @@ if TYPE_CHECKING:
     from .camera.capture import Frame, Frames, frames
     from .camera.model import Camera
     from .io import read_flow, write_flow
+    from .video import VideoWriter
 
 # Where each public name lives; the module is imported when the name is first used.
 _LAZY: dict[str, str] = {
     "Camera": ".camera.model",
     "Frame": ".camera.capture",
     "Frames": ".camera.capture",
+    "VideoWriter": ".video",
     "frames": ".camera.capture",
     "read_flow": ".io",
     "write_flow": ".io",
@@ -54,6 +56,7 @@ __all__ = [
     "OptionError",
     "RsflowError",
     "ShapeError",
+    "VideoWriter",
     "__version__",
     "build_info",
     "frames",
