@@ -1,0 +1,36 @@
+"""Scenes with exactly known motion and light, to judge an estimator or to test a set-up of your own.
+
+`shifted_pair` gives two frames with an exact sub-pixel displacement, `flight` what a camera sees that flies over flat,
+textured ground, `flight_with_object` the same with things that move on the ground and a mask of where they are.
+Everything is seeded: the same arguments give the same pixels.
+"""
+
+from __future__ import annotations
+
+from .flights import Flight, MovingObject, flight, flight_with_object
+from .lighting import LIGHTING, Lighting, auto_exposure, gain, gamma, offset, ramp, shadow, spotlight
+from .sensor import WEBCAM, Sensor
+from .textures import BANDS, ShiftedPair, Texture, shifted_pair, texture
+
+__all__ = [
+    "BANDS",
+    "LIGHTING",
+    "WEBCAM",
+    "Flight",
+    "Lighting",
+    "MovingObject",
+    "Sensor",
+    "ShiftedPair",
+    "Texture",
+    "auto_exposure",
+    "flight",
+    "flight_with_object",
+    "gain",
+    "gamma",
+    "offset",
+    "ramp",
+    "shadow",
+    "shifted_pair",
+    "spotlight",
+    "texture",
+]

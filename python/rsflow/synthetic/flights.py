@@ -1,0 +1,333 @@
+"""What a camera sees that flies over flat, textured ground, with its exact motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..camera.model import Camera
+from ..errors import OptionError
+from ._geometry import Optics, Path, path_from_rates
+from .lighting import Lighting
+from .sensor import WEBCAM, Sensor
+from .textures import CONTRAST_LEVELS, MEAN_LEVEL, Texture
+
+__all__ = ["Flight", "MovingObject", "flight", "flight_with_object"]
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MovingObject:
+    """A flat thing that slides over the ground, with a texture of its own.
+
+    Attributes
+    ----------
+    center_m : (x, y)
+        Where it is on the ground at time 0, from the point below the camera; x and y as the camera's.
+    size_m : (float, float)
+        Its extent along x and y.
+    velocity_m_s : (x, y)
+        Its velocity over the ground.
+    shape : {"ellipse", "rectangle"}
+        Its outline.
+    level : float
+        Its mean grey level.
+    seed : int
+        Of its texture.
+    """
+
+    center_m: tuple[float, float]
+    size_m: tuple[float, float]
+    velocity_m_s: tuple[float, float]
+    shape: str = "ellipse"
+    level: float = 150.0
+    seed: int = 1_000
+
+    def __post_init__(self) -> None:
+        if self.shape not in ("ellipse", "rectangle"):
+            raise OptionError(f"MovingObject: shape is {self.shape!r}, expected 'ellipse' or 'rectangle'")
+        if not (min(self.size_m) > 0 and np.isfinite([*self.center_m, *self.size_m, *self.velocity_m_s]).all()):
+            raise OptionError(f"MovingObject: expected finite numbers and a size above 0, got {self!r}")
+
+    def covers(self, x: F64, y: F64, t_s: float) -> NDArray[np.bool_]:
+        """Whether the ground at (x, y), in metres, is under the object at time `t_s`."""
+        a = (x - self.center_m[0] - self.velocity_m_s[0] * t_s) / (0.5 * self.size_m[0])
+        b = (y - self.center_m[1] - self.velocity_m_s[1] * t_s) / (0.5 * self.size_m[1])
+        if self.shape == "ellipse":
+            return np.asarray(a * a + b * b <= 1.0)
+        return np.asarray((np.abs(a) <= 1.0) & (np.abs(b) <= 1.0))
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Frames of a flight and the truth about it.
+
+    Velocity, rate and `down` follow `rsflow.VelocityEstimator` with a camera fixed to the body without rotation: the
+    velocity of an interval is the camera's mean velocity over the ground, in the camera's axes half-way through.
+
+    Attributes
+    ----------
+    camera : Camera
+        The camera that took the frames.
+    images : (N, height, width) of the sensor's dtype
+    t_s : (N,) float64
+        Time of each frame, the middle of its exposure.
+    height_m : (N,) float64
+        Perpendicular distance from the ground.
+    velocity_m_s : (N, 3) float64
+        Mean velocity since the previous frame; row 0 is NaN.
+    rate_rad_s : (N, 3) float64
+        Mean angular rate since the previous frame, right-handed, in the camera's axes; row 0 is NaN.
+    down : (N, 3) float64
+        Straight down, in the camera's axes.
+    position_m : (N, 3) float64
+        Of the camera; the ground is z = 0, z points down, x and y are the camera's at time 0 if it starts level.
+    masks : (N, height, width) uint8
+        0 on the ground, k where object k - 1 is seen.
+    objects : tuple of MovingObject
+    """
+
+    camera: Camera
+    images: NDArray[Any]
+    t_s: F64
+    height_m: F64
+    velocity_m_s: F64
+    rate_rad_s: F64
+    down: F64
+    position_m: F64
+    masks: NDArray[np.uint8]
+    objects: tuple[MovingObject, ...]
+    path: Path = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def flow(self, index: int) -> F64:
+        """Compute the exact flow from frame `index - 1` to frame `index`, objects included.
+
+        Returns
+        -------
+        (height, width, 2) float64
+            NaN where the ray of a pixel does not meet the ground.
+        """
+        if not 1 <= index < len(self):
+            raise OptionError(f"Flight.flow: index is {index}, expected 1 to {len(self) - 1}")
+        optics = Optics(self.camera)
+        before, after = float(self.t_s[index - 1]), float(self.t_s[index])
+        x, y = optics.ground(*self.path.at(before), margin=0)
+        x, y = np.broadcast_arrays(x, y)
+        to_x, to_y = x.copy(), y.copy()
+        for number, thing in enumerate(self.objects, 1):
+            inside = self.masks[index - 1] == number
+            to_x[inside] += thing.velocity_m_s[0] * (after - before)
+            to_y[inside] += thing.velocity_m_s[1] * (after - before)
+        u, v = optics.project(to_x, to_y, *self.path.at(after))
+        rows, columns = np.indices(u.shape)
+        return np.stack([u - columns, v - rows], axis=-1)
+
+
+def flight(
+    camera: Camera | None = None,
+    *,
+    frames: int = 30,
+    rate_hz: float = 30.0,
+    times_s: ArrayLike | None = None,
+    height_m: float = 0.2,
+    velocity_m_s: ArrayLike = (0.02, 0.0, 0.0),
+    rate_rad_s: ArrayLike = (0.0, 0.0, 0.0),
+    tilt_rad: tuple[float, float] = (0.0, 0.0),
+    kind: str = "ground",
+    texture_scale_m: float | None = None,
+    sensor: Sensor = WEBCAM,
+    exposure_s: float = 0.0,
+    exposure_drift: Callable[[float], Lighting] | None = None,
+    lighting: Lighting | None = None,
+    objects: Sequence[MovingObject] = (),
+    seed: int = 0,
+) -> Flight:
+    """Render a flight over flat, textured ground.
+
+    Parameters
+    ----------
+    camera : Camera, optional
+        By default 176 x 144 pixels, a focal length of 180 pixels, no distortion.
+    frames : int
+        Number of frames.
+    rate_hz : float
+        Frames per second, where `times_s` is not given.
+    times_s : (N,) array_like, optional
+        Times of the frames, increasing; replaces `frames` and `rate_hz`.
+    height_m : float
+        Perpendicular distance from the ground at the first frame.
+    velocity_m_s : (3,) or (N - 1, 3) array_like
+        Velocity of the camera in its own axes, for the whole flight or for each interval; z positive goes down.
+    rate_rad_s : (3,) or (N - 1, 3) array_like
+        Angular rate in the camera's own axes, right-handed.
+    tilt_rad : (float, float)
+        Attitude at the first frame: a turn about the camera's x axis, then one about its y axis.
+    kind : str
+        Texture of the ground, see `rsflow.synthetic.BANDS`.
+    texture_scale_m : float, optional
+        Metres on the ground for one pixel of the texture's bands; by default what a pixel sees at the first frame.
+    sensor : Sensor
+        Blur, noise and dtype.
+    exposure_s : float
+        Time of exposure, for motion blur, around the time of the frame.
+    exposure_drift : callable, optional
+        Time in seconds to the light of that moment, such as `auto_exposure(0.15)`.
+    lighting : Lighting, optional
+        Light that stays fixed in the image, such as `ramp(0.8, 1.2)`: vignetting or a lamp on the camera.
+    objects : sequence of MovingObject
+        What moves on the ground; later ones lie on top.
+    seed : int
+        Of ground and noise.
+
+    Returns
+    -------
+    Flight
+
+    Raises
+    ------
+    OptionError
+        If a number makes no sense, times do not increase, or the camera would reach the ground.
+
+    Examples
+    --------
+    >>> f = flight(frames=3, height_m=0.2, velocity_m_s=(0.02, 0.0, 0.0), seed=1)
+    >>> f.images.shape, f.velocity_m_s[1].tolist()
+    ((3, 144, 176), [0.02, 0.0, 0.0])
+    >>> f.flow(1)[0, 0].round(4).tolist()  # 0.02 m/s * 180 px / 0.2 m / 30 Hz, to the left
+    [-0.6, 0.0]
+    """
+    if camera is None:
+        camera = Camera(180.0, 180.0, 87.5, 71.5, width=176, height=144)
+    if times_s is None:
+        if frames < 1 or not rate_hz > 0:
+            raise OptionError(f"flight: frames is {frames} and rate_hz {rate_hz}, expected 1 or more and above 0")
+        times = np.arange(frames) / rate_hz
+    else:
+        times = np.asarray(times_s, dtype=np.float64)
+    path = path_from_rates(times, height_m, velocity_m_s, rate_rad_s, tilt_rad)
+    optics = Optics(camera)
+    scale = height_m / optics.focal_px if texture_scale_m is None else float(texture_scale_m)
+    if not (scale > 0 and np.isfinite(scale)):
+        raise OptionError(f"flight: texture_scale_m is {texture_scale_m!r}, expected a length above 0")
+    # The ground repeats after at least two pictures' width.
+    period = 1 << max(9, int(np.ceil(np.log2(2 * max(optics.width, optics.height)))))
+    scene = _Scene(optics, path, Texture.make(kind, seed=seed, period=period), scale, tuple(objects), kind)
+    rng = np.random.default_rng([seed, 15_485_863])
+    images, masks = [], []
+    for t_s in times:
+        image = sensor.blur(scene.exposed(float(t_s), exposure_s, sensor.margin))
+        for light in (lighting, exposure_drift(float(t_s)) if exposure_drift is not None else None):
+            if light is not None:
+                image = light(image)
+        images.append(sensor.expose(image, rng))
+        masks.append(scene.mask(float(t_s)))
+    poses = [path.at(float(t)) for t in times]
+    unknown = np.full((1, 3), np.nan)
+    return Flight(
+        camera=camera,
+        images=np.stack(images),
+        t_s=times,
+        height_m=np.array([-position[2] for position, _ in poses]),
+        velocity_m_s=np.vstack([unknown, path.velocity_m_s]),
+        rate_rad_s=np.vstack([unknown, path.rate_rad_s]),
+        down=np.stack([rotation.T @ (0.0, 0.0, 1.0) for _, rotation in poses]),
+        position_m=np.stack([position for position, _ in poses]),
+        masks=np.stack(masks),
+        objects=tuple(objects),
+        path=path,
+    )
+
+
+def flight_with_object(
+    camera: Camera | None = None,
+    *,
+    objects: Sequence[MovingObject] | None = None,
+    height_m: float = 0.2,
+    velocity_m_s: ArrayLike = (0.02, 0.0, 0.0),
+    **options: Any,
+) -> Flight:
+    """Render a `flight` over ground on which something moves; `Flight.masks` says where it is seen.
+
+    Parameters
+    ----------
+    camera, height_m, velocity_m_s
+        As for `flight`.
+    objects : sequence of MovingObject, optional
+        By default one ellipse, a quarter of the picture wide, that crosses the camera's way at its speed.
+    **options
+        Everything else that `flight` takes.
+
+    Examples
+    --------
+    >>> f = flight_with_object(frames=2, seed=1)
+    >>> 0.02 < float((f.masks[1] == 1).mean()) < 0.2
+    True
+    """
+    if camera is None:
+        camera = Camera(180.0, 180.0, 87.5, 71.5, width=176, height=144)
+    if objects is None:
+        seen = camera.width / camera.fx * height_m
+        speed = float(np.hypot(*np.asarray(velocity_m_s, np.float64).reshape(-1, 3)[0, :2])) or 0.1 * seen
+        objects = (
+            MovingObject(center_m=(0.1 * seen, -0.2 * seen), size_m=(seen / 4, seen / 5), velocity_m_s=(0.0, speed)),
+        )
+    return flight(camera, objects=objects, height_m=height_m, velocity_m_s=velocity_m_s, **options)
+
+
+class _Scene:
+    """The ground and what moves on it, seen along a path."""
+
+    def __init__(
+        self,
+        optics: Optics,
+        path: Path,
+        ground: Texture,
+        scale_m: float,
+        objects: tuple[MovingObject, ...],
+        kind: str,
+    ) -> None:
+        self.optics, self.path, self.ground, self.scale_m, self.objects = optics, path, ground, scale_m, objects
+        self.textures = [Texture.make(kind, seed=thing.seed, period=256) for thing in objects]
+
+    def exposed(self, t_s: float, exposure_s: float, margin: int) -> F64:
+        """Render the picture without noise, averaged over the exposure, with `margin` more pixels on each side."""
+        if not (np.isfinite(exposure_s) and exposure_s >= 0):
+            raise OptionError(f"flight: exposure_s is {exposure_s!r}, expected a finite time of 0 or more")
+        if exposure_s == 0.0:
+            return self.instant(t_s, margin)
+        # Half a pixel between instants: the sum then differs from the integral by less than the rounding to uint8.
+        way_px = self.optics.longest_way(self.path, t_s - exposure_s / 2, t_s + exposure_s / 2)
+        count = int(np.clip(np.ceil(2.0 * way_px), 2, 64))
+        moments = t_s + exposure_s * ((np.arange(count) + 0.5) / count - 0.5)
+        return np.asarray(sum(self.instant(float(t), margin) for t in moments) / count)
+
+    def instant(self, t_s: float, margin: int) -> F64:
+        x, y = self.optics.ground(*self.path.at(t_s), margin=margin)
+        seen = np.isfinite(x) & np.isfinite(y)
+        image = self.ground.sample(np.where(np.isfinite(x), x, 0.0) / self.scale_m,
+                                   np.where(np.isfinite(y), y, 0.0) / self.scale_m)  # fmt: skip
+        image = np.where(seen, MEAN_LEVEL + CONTRAST_LEVELS * image, MEAN_LEVEL)
+        for thing, own in zip(self.objects, self.textures, strict=True):
+            inside = thing.covers(x, y, t_s)
+            if inside.any():
+                wide_x, wide_y = np.broadcast_arrays(x, y)
+                dx = wide_x[inside] - thing.velocity_m_s[0] * t_s
+                dy = wide_y[inside] - thing.velocity_m_s[1] * t_s
+                image[inside] = thing.level + CONTRAST_LEVELS * own.sample(dx / self.scale_m, dy / self.scale_m)
+        return image
+
+    def mask(self, t_s: float) -> NDArray[np.uint8]:
+        mask = np.zeros((self.optics.height, self.optics.width), dtype=np.uint8)
+        if self.objects:
+            x, y = self.optics.ground(*self.path.at(t_s), margin=0)
+            for number, thing in enumerate(self.objects, 1):
+                mask[thing.covers(x, y, t_s)] = number
+        return mask

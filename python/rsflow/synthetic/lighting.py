@@ -1,0 +1,124 @@
+"""Changes of light: functions from an image in grey levels to the same image in another light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LIGHTING", "Lighting", "auto_exposure", "gain", "gamma", "offset", "ramp", "shadow", "spotlight"]
+
+# An image as float64 (height, width) in grey levels of 0..255 -> the image under that light, not clipped.
+Lighting = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def gain(factor: float, plus: float = 0.0) -> Lighting:
+    """Multiply by `factor` and add `plus` grey levels: exposure and gain of a camera.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> gain(1.5, plus=-5.0)(np.full((1, 2), 100.0))
+    array([[145., 145.]])
+    """
+    return lambda image: factor * image + plus
+
+
+def offset(levels: float) -> Lighting:
+    """Add `levels` grey levels everywhere, as the report's kappa (equation 2.7) does."""
+    return lambda image: image + levels
+
+
+def gamma(exponent: float) -> Lighting:
+    """Raise to `exponent` on the scale of 0..255: 0.6 brightens the dark parts. Clips at 0 and 255."""
+
+    def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
+        share: NDArray[np.float64] = np.clip(image, 0.0, 255.0) / 255.0
+        return np.asarray(255.0 * share**exponent, dtype=np.float64)
+
+    return apply
+
+
+def ramp(start: float, stop: float, *, axis: str = "x") -> Lighting:
+    """Apply a gain that varies linearly from `start` at the first column (row for axis "y") to `stop` at the last."""
+
+    def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
+        height, width = image.shape
+        factor = np.linspace(start, stop, width)[None, :] if axis == "x" else np.linspace(start, stop, height)[:, None]
+        return image * factor
+
+    return apply
+
+
+def spotlight(levels: float, *, x: float = 0.6, y: float = 0.4, radius: float = 0.15) -> Lighting:
+    """Add a Gaussian spot of `levels` grey levels.
+
+    Parameters
+    ----------
+    levels : float
+        Height of the spot in grey levels.
+    x, y : float
+        Its centre as a share of the width and of the height.
+    radius : float
+        Its standard deviation as a share of the width.
+    """
+
+    def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
+        height, width = image.shape
+        column = np.exp(-0.5 * ((np.arange(height) - y * height) / (radius * width)) ** 2)
+        row = np.exp(-0.5 * ((np.arange(width) - x * width) / (radius * width)) ** 2)
+        return np.asarray(image + levels * column[:, None] * row[None, :], dtype=np.float64)
+
+    return apply
+
+
+def shadow(factor: float, *, x: float = 0.55, slope: float = 0.5) -> Lighting:
+    """Multiply by `factor` everything right of a hard, slanting edge.
+
+    Parameters
+    ----------
+    factor : float
+        Gain in the shadow.
+    x : float
+        Where the edge meets the first row, as a share of the width.
+    slope : float
+        Pixels that the edge goes to the left for each row down.
+    """
+
+    def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
+        height, width = image.shape
+        inside = np.arange(width)[None, :] + slope * np.arange(height)[:, None] > x * width
+        return np.where(inside, factor * image, image)
+
+    return apply
+
+
+def auto_exposure(amplitude: float, *, period_s: float = 2.0, phase: float = 0.0) -> Callable[[float], Lighting]:
+    """Let a gain drift as a camera's automatic exposure does: 1 + amplitude sin(2 pi t / period + phase).
+
+    Returns
+    -------
+    callable
+        Takes the time in seconds and returns the `Lighting` of that moment.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> auto_exposure(0.1, period_s=2.0)(0.5)(np.full((1, 1), 100.0)).round(6)
+    array([[110.]])
+    """
+    return lambda t_s: gain(1.0 + amplitude * float(np.sin(2 * np.pi * t_s / period_s + phase)))
+
+
+# One of each kind, at a strength that is common outdoors and at a camera's automatic exposure.
+LIGHTING: dict[str, Lighting] = {
+    "steady": lambda image: image,
+    "gain": gain(1.25),
+    "gain and offset": gain(0.7, plus=20.0),
+    "offset": offset(25.0),
+    "gamma": gamma(0.7),
+    "ramp": ramp(0.75, 1.25),
+    "spotlight": spotlight(50.0),
+    "shadow": shadow(0.5),
+}

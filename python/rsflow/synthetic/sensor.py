@@ -1,0 +1,83 @@
+"""A camera's sensor: blur, noise and quantisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import OptionError
+
+__all__ = ["WEBCAM", "Sensor"]
+
+# dtype -> grey levels of that type for one grey level of 0..255; None keeps the fraction.
+_SCALE: dict[str, float | None] = {"uint8": 1.0, "uint16": 257.0, "float32": None}
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What a sensor makes of the light that falls on it.
+
+    Attributes
+    ----------
+    noise : float
+        Standard deviation of the read noise, in grey levels of 0..255.
+    shot_noise : float
+        Standard deviation of the photon noise at grey level 255; it falls with the square root of the level.
+    blur_px : float
+        Standard deviation of the lens's Gaussian blur, in pixels.
+    dtype : str
+        ``"uint8"``, ``"uint16"`` (full scale 65535) or ``"float32"`` (grey levels of 0..255, not rounded, not clipped).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Sensor(noise=0.0).expose(np.full((2, 2), 99.6), np.random.default_rng(1))
+    array([[100, 100],
+           [100, 100]], dtype=uint8)
+    """
+
+    noise: float = 1.0
+    shot_noise: float = 0.0
+    blur_px: float = 0.0
+    dtype: str = "uint8"
+
+    def __post_init__(self) -> None:
+        for name in ("noise", "shot_noise", "blur_px"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise OptionError(f"Sensor: {name} is {value!r}, expected a finite number of 0 or more")
+        if self.dtype not in _SCALE:
+            raise OptionError(f"Sensor: dtype is {self.dtype!r}, expected one of {', '.join(_SCALE)}")
+
+    @property
+    def margin(self) -> int:
+        """Pixels that an image needs around it so that blur meets real content at its border."""
+        return int(np.ceil(4.0 * self.blur_px))
+
+    def blur(self, image: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Blur an image that is `margin` larger on each side, and crop that margin."""
+        if self.blur_px == 0.0:
+            return image
+        import cv2
+
+        m = self.margin
+        blurred = cv2.GaussianBlur(image, (2 * m + 1, 2 * m + 1), self.blur_px)
+        return np.asarray(blurred[m:-m, m:-m], dtype=np.float64)
+
+    def expose(self, image: NDArray[np.float64], rng: np.random.Generator) -> NDArray[Any]:
+        """Add noise to grey levels of 0..255 and convert to `dtype`; integers are rounded and clipped."""
+        noise: NDArray[np.float64] | float = self.noise
+        if self.shot_noise:
+            noise = np.sqrt(self.noise**2 + self.shot_noise**2 * np.clip(image, 0.0, None) / 255.0)
+        noisy = image + noise * rng.standard_normal(image.shape)
+        scale = _SCALE[self.dtype]
+        if scale is None:
+            return noisy.astype(np.float32)
+        return np.clip(np.rint(noisy * scale), 0.0, 255.0 * scale).astype(self.dtype)
+
+
+# A cheap webcam in room light: a soft lens and visible noise.
+WEBCAM = Sensor(noise=2.0, blur_px=0.7)
