@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsflow import OptionError, synthetic
-from rsflow.camera.model import Camera
+from rsflow import Camera, OptionError, synthetic
 from rsflow.synthetic import LIGHTING, MovingObject, Sensor, Texture, flight, flight_with_object, shifted_pair, texture
 
 CLEAN = Sensor(noise=0.0, dtype="float32")
@@ -122,6 +121,7 @@ def test_flight_truth_is_consistent() -> None:
     assert len(f) == 6
     assert f.images.dtype == np.float32
     assert np.isnan(f.velocity_m_s[0]).all()
+    assert [(frame.index, frame.t_s) for frame in f] == [(k, k / 15.0) for k in range(6)]
     np.testing.assert_allclose(np.linalg.norm(f.down, axis=1), 1.0)
     np.testing.assert_allclose(f.height_m, -f.position_m[:, 2])
     np.testing.assert_allclose(

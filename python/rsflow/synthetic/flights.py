@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..camera.capture import Frame
 from ..camera.model import Camera
 from ..errors import OptionError
 from ._geometry import Optics, Path, path_from_rates
@@ -106,6 +107,11 @@ class Flight:
 
     def __len__(self) -> int:
         return len(self.images)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Give the frames as `rsflow.frames` does."""
+        for index, (image, t_s) in enumerate(zip(self.images, self.t_s, strict=True)):
+            yield Frame(image, float(t_s), index)
 
     def flow(self, index: int) -> F64:
         """Compute the exact flow from frame `index - 1` to frame `index`, objects included.
