@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .camera.capture import Frame, Frames, frames
     from .camera.model import Camera
     from .io import read_flow, write_flow
+    from .plotting import QuiverStyle, flow_to_color, quiver
     from .video import VideoWriter
 
 # Where each public name lives; the module is imported when the name is first used.
@@ -35,14 +36,17 @@ _LAZY: dict[str, str] = {
     "Camera": ".camera.model",
     "Frame": ".camera.capture",
     "Frames": ".camera.capture",
+    "QuiverStyle": ".plotting",
     "VideoWriter": ".video",
+    "flow_to_color": ".plotting",
     "frames": ".camera.capture",
+    "quiver": ".plotting",
     "read_flow": ".io",
     "write_flow": ".io",
 }
 
 # Submodules that are reached as attributes of the package.
-_SUBMODULES = ("camera", "interop", "io", "synthetic")
+_SUBMODULES = ("camera", "interop", "io", "plotting", "synthetic", "video")
 
 __all__ = [
     "CalibrationError",
@@ -54,13 +58,16 @@ __all__ = [
     "Frames",
     "MissingExtraError",
     "OptionError",
+    "QuiverStyle",
     "RsflowError",
     "ShapeError",
     "VideoWriter",
     "__version__",
     "build_info",
+    "flow_to_color",
     "frames",
     "get_num_threads",
+    "quiver",
     "read_flow",
     "set_num_threads",
     "write_flow",
