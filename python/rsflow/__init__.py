@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .camera.model import Camera
     from .io import read_flow, write_flow
     from .plotting import QuiverStyle, flow_to_color, quiver
+    from .tracking import PointStatus, PointTracker, Tracks, detect_corners, track_points
     from .video import VideoWriter
 
 # Where each public name lives; the module is imported when the name is first used.
@@ -36,12 +37,17 @@ _LAZY: dict[str, str] = {
     "Camera": ".camera.model",
     "Frame": ".camera.capture",
     "Frames": ".camera.capture",
+    "PointStatus": ".tracking",
+    "PointTracker": ".tracking",
     "QuiverStyle": ".plotting",
+    "Tracks": ".tracking",
     "VideoWriter": ".video",
+    "detect_corners": ".tracking",
     "flow_to_color": ".plotting",
     "frames": ".camera.capture",
     "quiver": ".plotting",
     "read_flow": ".io",
+    "track_points": ".tracking",
     "write_flow": ".io",
 }
 
@@ -58,18 +64,23 @@ __all__ = [
     "Frames",
     "MissingExtraError",
     "OptionError",
+    "PointStatus",
+    "PointTracker",
     "QuiverStyle",
     "RsflowError",
     "ShapeError",
+    "Tracks",
     "VideoWriter",
     "__version__",
     "build_info",
+    "detect_corners",
     "flow_to_color",
     "frames",
     "get_num_threads",
     "quiver",
     "read_flow",
     "set_num_threads",
+    "track_points",
     "write_flow",
 ]
 

@@ -1,7 +1,35 @@
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 __version__: str
 
 def set_num_threads(threads: int) -> None: ...
 def get_num_threads() -> int: ...
 def build_info() -> dict[str, Any]: ...
+def track_points(
+    prev: object,
+    next: object,
+    points: NDArray[np.float32],
+    initial: NDArray[np.float32] | None,
+    mask: object,
+    options: dict[str, Any],
+) -> dict[str, Any]: ...
+def detect_corners(
+    frame: object,
+    mask: object,
+    max_corners: int,
+    quality: float,
+    min_distance: float,
+    block_size: int,
+    harris: float | None,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
+def point_statuses() -> list[tuple[str, int]]: ...
+
+class PointTracker:
+    def __init__(self, options: dict[str, Any], max_corners: int, quality: float, min_distance: float) -> None: ...
+    def update(self, frame: object, mask: object) -> dict[str, Any]: ...
+    def reset(self) -> None: ...
+    @property
+    def scene_cut(self) -> bool: ...

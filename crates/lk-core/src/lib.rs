@@ -7,14 +7,18 @@
 //! of one architecture.
 #![deny(missing_docs)]
 
+mod corners;
 mod error;
 mod execution;
 mod frame;
 mod illumination;
+mod lanes;
 mod parallel;
 mod pyramid;
 mod simd;
+mod track;
 
+pub use corners::{Corner, CornerDetector, CornerOptions, detect_corners};
 pub use error::{Error, Result};
 pub use execution::Execution;
 pub use frame::{Frame, Pixel, Plane};
@@ -22,3 +26,7 @@ pub use illumination::Illumination;
 pub use parallel::{num_threads, set_num_threads};
 pub use pyramid::Pyramid;
 pub use simd::Level;
+pub use track::{
+    PointStatus, PointTracker, StreamPoint, TrackOptions, TrackedPoint, track_points,
+    track_pyramids,
+};

@@ -13,6 +13,25 @@ pub(crate) enum AnyFrame<'py> {
     F32(PyReadonlyArray2<'py, f32>),
 }
 
+/// The view of one frame.
+pub(crate) enum AnyView<'a> {
+    U8(Frame<'a, u8>),
+    U16(Frame<'a, u16>),
+    F32(Frame<'a, f32>),
+}
+
+/// Call `$body` with `$frame` bound to the view, whatever its pixel type.
+#[macro_export]
+macro_rules! with_view {
+    ($view:expr, |$frame:ident| $body:expr) => {
+        match $view {
+            $crate::frames::AnyView::U8($frame) => $body,
+            $crate::frames::AnyView::U16($frame) => $body,
+            $crate::frames::AnyView::F32($frame) => $body,
+        }
+    };
+}
+
 /// The views of two frames of the same pixel type.
 pub(crate) enum PairViews<'a> {
     U8(Frame<'a, u8>, Frame<'a, u8>),
@@ -90,6 +109,15 @@ impl<'py> AnyFrame<'py> {
             Self::U8(_) => "uint8",
             Self::U16(_) => "uint16",
             Self::F32(_) => "float32",
+        }
+    }
+
+    /// The view, which can leave the GIL.
+    pub(crate) fn view(&self) -> AnyView<'_> {
+        match self {
+            Self::U8(frame) => AnyView::U8(frame.as_array()),
+            Self::U16(frame) => AnyView::U16(frame.as_array()),
+            Self::F32(frame) => AnyView::F32(frame.as_array()),
         }
     }
 

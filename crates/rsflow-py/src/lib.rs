@@ -5,6 +5,7 @@
 mod errors;
 mod frames;
 mod interrupt;
+mod tracking;
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -62,5 +63,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(set_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(get_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(build_info, module)?)?;
+    tracking::register(module)?;
     Ok(())
 }

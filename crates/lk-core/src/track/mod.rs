@@ -1,0 +1,146 @@
+//! Many points: pyramidal Lucas-Kanade with the lighting in the least squares, and a judgement of every answer.
+//!
+//! B. Lucas and T. Kanade, "An iterative image registration technique with an application to stereo vision",
+//! IJCAI 1981; J.-Y. Bouguet, "Pyramidal implementation of the affine Lucas Kanade feature tracker", 2001; the lighting
+//! is taken out of the template's gradients once, after G. Hager and P. Belhumeur, "Efficient region tracking with
+//! parametric models of geometry and illumination", PAMI 1998.
+
+mod options;
+mod patch;
+mod solve;
+mod stream;
+#[cfg(test)]
+mod tests;
+
+use ndarray::ArrayView2;
+
+pub use options::{PointStatus, TrackOptions, TrackedPoint};
+pub use stream::{PointTracker, StreamPoint};
+
+use crate::error::{Error, Result};
+use crate::frame::{Frame, Pixel};
+use crate::parallel::{RowsMut, for_each_band};
+use crate::pyramid::Pyramid;
+use solve::{Problem, Workspace};
+
+/// Points that one thread takes at least: some 50 us of work.
+const MIN_POINTS: usize = 16;
+
+/// Where each of `points`, (x, y) in `prev`, is in `next`.
+///
+/// `initial` holds a first guess of each position in `next`; `mask` is true where to measure.
+///
+/// # Errors
+///
+/// [`Error::Shape`] if the frames, `initial` or `mask` do not fit together; those of [`TrackOptions::validate`] and
+/// of the execution.
+pub fn track_points<T: Pixel>(
+    prev: Frame<'_, T>,
+    next: Frame<'_, T>,
+    points: &[[f32; 2]],
+    initial: Option<&[[f32; 2]]>,
+    mask: Option<ArrayView2<'_, bool>>,
+    options: &TrackOptions,
+) -> Result<Vec<TrackedPoint>> {
+    options.validate()?;
+    let (height, width) = prev.dim();
+    if next.dim() != prev.dim() {
+        return Err(Error::shape(
+            "next",
+            format!("({}, {})", next.dim().0, next.dim().1),
+            format!("the shape of prev, ({height}, {width})"),
+        ));
+    }
+    let levels = options.levels_for(width, height);
+    let prev = Pyramid::new(prev, levels, &options.execution)?;
+    let next = Pyramid::new(next, levels, &options.execution)?;
+    let mut tracks = Vec::new();
+    track_pyramids(&prev, &next, points, initial, mask, options, &mut tracks)?;
+    Ok(tracks)
+}
+
+/// The same on pyramids, which a sequence builds once a frame; `tracks` is replaced.
+///
+/// # Errors
+///
+/// Those of [`track_points`].
+pub fn track_pyramids(
+    prev: &Pyramid,
+    next: &Pyramid,
+    points: &[[f32; 2]],
+    initial: Option<&[[f32; 2]]>,
+    mask: Option<ArrayView2<'_, bool>>,
+    options: &TrackOptions,
+    tracks: &mut Vec<TrackedPoint>,
+) -> Result<()> {
+    options.validate()?;
+    let (prev, next) = (prev.levels(), next.levels());
+    let size = |levels: &[crate::frame::Plane]| {
+        levels
+            .first()
+            .map_or((0, 0), |plane| (plane.height(), plane.width()))
+    };
+    let (height, width) = size(prev);
+    if size(next) != (height, width) {
+        return Err(Error::shape(
+            "next",
+            format!("{:?}", size(next)),
+            format!("the shape of prev, ({height}, {width})"),
+        ));
+    }
+    if let Some(initial) = initial
+        && initial.len() != points.len()
+    {
+        return Err(Error::shape(
+            "initial",
+            format!("{} points", initial.len()),
+            format!("one for each of the {} points", points.len()),
+        ));
+    }
+    if let Some(mask) = mask
+        && mask.dim() != (height, width)
+    {
+        return Err(Error::shape(
+            "mask",
+            format!("({}, {})", mask.dim().0, mask.dim().1),
+            format!("the shape of the frames, ({height}, {width})"),
+        ));
+    }
+    tracks.clear();
+    tracks.resize(points.len(), TrackedPoint::lost(PointStatus::OutOfFrame));
+    if width == 0 || height == 0 {
+        return Ok(());
+    }
+    let problem = Problem {
+        prev,
+        next,
+        options,
+        level: options.execution.simd_level(),
+    };
+    for_each_band(
+        &options.execution,
+        points.len(),
+        MIN_POINTS,
+        RowsMut::new(tracks, 1),
+        |range, part| {
+            let mut workspace = Workspace::new();
+            for (track, index) in part.data.iter_mut().zip(range) {
+                let point = points[index];
+                if mask.is_some_and(|mask| masked(mask, point)) {
+                    *track = TrackedPoint::lost(PointStatus::Masked);
+                    continue;
+                }
+                let start = initial.map_or([0.0; 2], |initial| {
+                    [initial[index][0] - point[0], initial[index][1] - point[1]]
+                });
+                *track = problem.track(point, start, &mut workspace);
+            }
+        },
+    )
+}
+
+/// Whether the pixel that `point` is in is excluded.
+fn masked(mask: ArrayView2<'_, bool>, point: [f32; 2]) -> bool {
+    let [x, y] = point.map(f32::round);
+    x >= 0.0 && y >= 0.0 && mask.get((y as usize, x as usize)) == Some(&false)
+}

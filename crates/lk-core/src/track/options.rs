@@ -1,0 +1,281 @@
+//! What a caller may set, and what a caller gets.
+
+use crate::error::{Error, Result};
+use crate::execution::Execution;
+use crate::illumination::Illumination;
+use crate::track::patch::{MAX_WINDOW, Window};
+
+/// The smallest window, in pixels a side: less has no gradient to speak of.
+const MIN_WINDOW: usize = 3;
+
+/// Levels beyond which no frame that fits into memory has pixels left.
+const MAX_LEVELS: usize = 16;
+
+/// How points are tracked.
+///
+/// ```
+/// use lk_core::{Illumination, TrackOptions};
+///
+/// let options = TrackOptions::default().window_size(15, 15).illumination(Illumination::Offset);
+/// assert!(options.validate().is_ok());
+/// assert!(options.window_size(2, 15).validate().is_err());
+/// ```
+#[derive(Debug, Clone)]
+pub struct TrackOptions {
+    pub(crate) window: Window,
+    pub(crate) levels: Option<usize>,
+    pub(crate) max_displacement: Option<f32>,
+    pub(crate) max_iterations: usize,
+    pub(crate) epsilon: f32,
+    pub(crate) illumination: Illumination,
+    pub(crate) max_forward_backward: Option<f32>,
+    pub(crate) execution: Execution,
+}
+
+impl Default for TrackOptions {
+    fn default() -> Self {
+        Self {
+            window: Window {
+                width: 21,
+                height: 21,
+            },
+            levels: None,
+            max_displacement: None,
+            max_iterations: 30,
+            epsilon: 0.01,
+            illumination: Illumination::default(),
+            max_forward_backward: Some(0.5),
+            execution: Execution::default(),
+        }
+    }
+}
+
+impl TrackOptions {
+    /// Width and height of the window around a point, in pixels, 3 to 63; 21 by 21 by default.
+    #[must_use]
+    pub fn window_size(mut self, width: usize, height: usize) -> Self {
+        self.window = Window { width, height };
+        self
+    }
+
+    /// Levels of the pyramid, the frame itself included; `None`, the default, follows from frame and displacement.
+    #[must_use]
+    pub fn levels(mut self, levels: Option<usize>) -> Self {
+        self.levels = levels;
+        self
+    }
+
+    /// The longest displacement to look for, in pixels; `None`, the default, looks for any.
+    #[must_use]
+    pub fn max_displacement(mut self, pixels: Option<f32>) -> Self {
+        self.max_displacement = pixels;
+        self
+    }
+
+    /// Steps on one level after which a point counts as not converged; 30 by default.
+    #[must_use]
+    pub fn max_iterations(mut self, iterations: usize) -> Self {
+        self.max_iterations = iterations;
+        self
+    }
+
+    /// Length of a step in pixels below which a point has converged; 0.01 by default.
+    #[must_use]
+    pub fn epsilon(mut self, pixels: f32) -> Self {
+        self.epsilon = pixels;
+        self
+    }
+
+    /// What may change in the light of a window.
+    #[must_use]
+    pub fn illumination(mut self, illumination: Illumination) -> Self {
+        self.illumination = illumination;
+        self
+    }
+
+    /// How far from its start a point may come back, in pixels, when it is tracked back; `None` does not look.
+    /// 0.5 by default.
+    #[must_use]
+    pub fn max_forward_backward(mut self, pixels: Option<f32>) -> Self {
+        self.max_forward_backward = pixels;
+        self
+    }
+
+    /// Threads, instructions and cancellation.
+    #[must_use]
+    pub fn execution(mut self, execution: Execution) -> Self {
+        self.execution = execution;
+        self
+    }
+
+    /// Check every option.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Option`] for the first one outside of what it allows.
+    pub fn validate(&self) -> Result<()> {
+        let sides = MIN_WINDOW..=MAX_WINDOW;
+        if !sides.contains(&self.window.width) || !sides.contains(&self.window.height) {
+            return Err(Error::option(
+                "window_size",
+                format!("{} x {}", self.window.width, self.window.height),
+                format!("{MIN_WINDOW} to {MAX_WINDOW} pixels a side"),
+            ));
+        }
+        if let Some(levels) = self.levels
+            && !(1..=MAX_LEVELS).contains(&levels)
+        {
+            return Err(Error::option(
+                "levels",
+                levels,
+                format!("1 to {MAX_LEVELS}, or none for as many as it takes"),
+            ));
+        }
+        if let Some(pixels) = self.max_displacement
+            && !(pixels > 0.0 && pixels.is_finite())
+        {
+            return Err(Error::option(
+                "max_displacement",
+                pixels,
+                "a positive number of pixels, or none for any displacement",
+            ));
+        }
+        if self.max_iterations == 0 {
+            return Err(Error::option("max_iterations", 0, "1 or more"));
+        }
+        if !(self.epsilon > 0.0 && self.epsilon.is_finite()) {
+            return Err(Error::option(
+                "epsilon",
+                self.epsilon,
+                "a positive number of pixels",
+            ));
+        }
+        if let Some(pixels) = self.max_forward_backward
+            && !(pixels > 0.0 && pixels.is_finite())
+        {
+            return Err(Error::option(
+                "max_forward_backward",
+                pixels,
+                "a positive number of pixels, or none for no check",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Levels for frames of this size.
+    pub(crate) fn levels_for(&self, width: usize, height: usize) -> usize {
+        if let Some(levels) = self.levels {
+            return levels;
+        }
+        let window = self.window.width.max(self.window.height);
+        // A window takes in motion up to about its half, so on the coarsest level this much of a displacement.
+        let reach = (window as f32 * 0.5).max(2.0);
+        let mut levels = 1;
+        // A level that the window does not fit into twice tells nothing about a point.
+        while width.min(height) >> levels >= 2 * window
+            && levels < MAX_LEVELS
+            && self
+                .max_displacement
+                .is_none_or(|longest| reach * ((1u32 << (levels - 1)) as f32) < longest)
+            && (self.max_displacement.is_some() || levels < DEFAULT_LEVELS)
+        {
+            levels += 1;
+        }
+        levels
+    }
+}
+
+/// Levels where nobody says how far things move: with a window of 21 pixels they take in some 80 pixels.
+const DEFAULT_LEVELS: usize = 4;
+
+/// Whether a point was tracked, or else the first reason why not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[repr(u8)]
+#[non_exhaustive]
+pub enum PointStatus {
+    /// Tracked; position and covariance hold.
+    Tracked = 0,
+    /// The point is, or went, outside of the frame.
+    OutOfFrame = 1,
+    /// The window has too little texture, or only along one direction, to say where it went.
+    LowTexture = 2,
+    /// The steps did not come to rest.
+    NotConverged = 3,
+    /// What was found does not look like what was sought.
+    HighResidual = 4,
+    /// Tracked back, the point did not return to where it came from.
+    ForwardBackward = 5,
+    /// The mask excludes the point.
+    Masked = 6,
+    /// The point, or a pixel of its window, is NaN or infinite.
+    NotFinite = 7,
+    /// Found in this frame by a [`crate::PointTracker`]: it has a position, but no motion yet.
+    New = 8,
+}
+
+impl PointStatus {
+    /// Every status, in the order of its values.
+    pub const ALL: [Self; 9] = [
+        Self::Tracked,
+        Self::OutOfFrame,
+        Self::LowTexture,
+        Self::NotConverged,
+        Self::HighResidual,
+        Self::ForwardBackward,
+        Self::Masked,
+        Self::NotFinite,
+        Self::New,
+    ];
+
+    /// The name used in Python and in tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tracked => "tracked",
+            Self::OutOfFrame => "out_of_frame",
+            Self::LowTexture => "low_texture",
+            Self::NotConverged => "not_converged",
+            Self::HighResidual => "high_residual",
+            Self::ForwardBackward => "forward_backward",
+            Self::Masked => "masked",
+            Self::NotFinite => "not_finite",
+            Self::New => "new",
+        }
+    }
+}
+
+/// Where one point went.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackedPoint {
+    /// Position (x, y) in `next`, in pixels; NaN unless tracked.
+    pub position: [f32; 2],
+    /// Tracked, or why not.
+    pub status: PointStatus,
+    /// Root mean square difference of the window between the frames, in grey levels, after the lighting model;
+    /// NaN if it was not measured.
+    pub residual: f32,
+    /// Covariance of the position in square pixels: xx, xy, yy; infinite unless tracked.
+    pub covariance: [f32; 3],
+    /// Distance from where the point came from to where it comes back, in pixels; NaN if it was not measured.
+    pub forward_backward: f32,
+}
+
+impl TrackedPoint {
+    /// A point that was not tracked, for this reason.
+    #[must_use]
+    pub fn lost(status: PointStatus) -> Self {
+        Self {
+            position: [f32::NAN; 2],
+            status,
+            residual: f32::NAN,
+            covariance: [f32::INFINITY, 0.0, f32::INFINITY],
+            forward_backward: f32::NAN,
+        }
+    }
+
+    /// Whether the point was tracked.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        self.status == PointStatus::Tracked
+    }
+}

@@ -1,0 +1,291 @@
+//! Points: tracking between two frames, through a sequence, and corners to start from.
+
+use lk_core::{
+    CornerOptions, Execution, Illumination, PointStatus, PointTracker, StreamPoint, TrackOptions,
+    TrackedPoint,
+};
+use numpy::ndarray::{Array1, Array2, Array3};
+use numpy::{IntoPyArray, PyReadonlyArray2, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::errors::{raise, to_python};
+use crate::frames::{AnyFrame, mask, pair};
+use crate::{interrupt, with_pair, with_view};
+
+/// What a call costs beside its frames, in the pixels by which [`interrupt::run`] counts.
+const PIXELS_A_POINT: usize = 1 << 10;
+
+/// Add this file's functions and classes to the module.
+pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(track_points, module)?)?;
+    module.add_function(wrap_pyfunction!(detect_corners, module)?)?;
+    module.add_function(wrap_pyfunction!(point_statuses, module)?)?;
+    module.add_class::<PyPointTracker>()
+}
+
+/// Every status: its name and value.
+#[pyfunction]
+fn point_statuses() -> Vec<(&'static str, u8)> {
+    PointStatus::ALL
+        .iter()
+        .map(|status| (status.name(), *status as u8))
+        .collect()
+}
+
+/// An (N, 2) float32 array as points.
+fn points_of(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<[f32; 2]>> {
+    let array = value
+        .extract::<PyReadonlyArray2<'_, f32>>()
+        .map_err(|_| unfit(name, value))?;
+    let view = array.as_array();
+    if view.ncols() != 2 {
+        return Err(unfit(name, value));
+    }
+    Ok(view
+        .rows()
+        .into_iter()
+        .map(|row| [row[0], row[1]])
+        .collect())
+}
+
+fn unfit(name: &str, value: &Bound<'_, PyAny>) -> PyErr {
+    let got = value.cast::<PyUntypedArray>().map_or_else(
+        |_| {
+            value
+                .get_type()
+                .name()
+                .map_or_else(|_| "an object".to_owned(), |name| name.to_string())
+        },
+        |array| format!("dtype {}, shape {:?}", array.dtype(), array.shape()),
+    );
+    raise(
+        "ShapeError",
+        format!("{name}: got {got}, expected (N, 2) float32, x and y of each point"),
+    )
+}
+
+fn fallback(name: &'static str, value: Option<isize>) -> PyResult<Option<usize>> {
+    value
+        .map(|value| {
+            usize::try_from(value)
+                .map_err(|_| to_python(&lk_core::Error::option(name, value, "not less than 0")))
+        })
+        .transpose()
+}
+
+/// The options that both the function and the tracker take.
+fn track_options(options: &Bound<'_, PyDict>) -> PyResult<TrackOptions> {
+    let get = |name: &str| -> PyResult<Bound<'_, PyAny>> {
+        options
+            .get_item(name)?
+            .ok_or_else(|| raise("OptionError", format!("{name}: missing")))
+    };
+    let (width, height): (isize, isize) = get("window_size")?.extract()?;
+    let side = |side: isize| usize::try_from(side).unwrap_or(0);
+    let iterations: isize = get("max_iterations")?.extract()?;
+    let illumination: Illumination = get("illumination")?
+        .extract::<String>()?
+        .parse()
+        .map_err(|error| to_python(&error))?;
+    let options = TrackOptions::default()
+        .window_size(side(width), side(height))
+        .levels(fallback("levels", get("levels")?.extract()?)?)
+        .max_displacement(get("max_displacement")?.extract()?)
+        .max_iterations(usize::try_from(iterations).unwrap_or(0))
+        .epsilon(get("epsilon")?.extract()?)
+        .illumination(illumination)
+        .max_forward_backward(get("max_forward_backward")?.extract()?);
+    options.validate().map_err(|error| to_python(&error))?;
+    Ok(options)
+}
+
+fn corner_options(
+    max_corners: isize,
+    quality: f32,
+    min_distance: f32,
+    block_size: isize,
+    harris: Option<f32>,
+) -> PyResult<CornerOptions> {
+    let options = CornerOptions::default()
+        .max_corners(fallback("max_corners", Some(max_corners))?.unwrap_or(0))
+        .quality(quality)
+        .min_distance(min_distance)
+        .block_size(usize::try_from(block_size).unwrap_or(0))
+        .harris(harris);
+    options.validate().map_err(|error| to_python(&error))?;
+    Ok(options)
+}
+
+/// The arrays of a result, by the names that the Python side gives them.
+fn to_dict<'py>(
+    py: Python<'py>,
+    count: usize,
+    tracks: impl Iterator<Item = TrackedPoint>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let mut points = Array2::<f32>::zeros((count, 2));
+    let mut status = Array1::<u8>::zeros(count);
+    let mut residual = Array1::<f32>::zeros(count);
+    let mut covariance = Array3::<f32>::zeros((count, 2, 2));
+    let mut forward_backward = Array1::<f32>::zeros(count);
+    for (row, track) in tracks.enumerate() {
+        points[(row, 0)] = track.position[0];
+        points[(row, 1)] = track.position[1];
+        status[row] = track.status as u8;
+        residual[row] = track.residual;
+        let [xx, xy, yy] = track.covariance;
+        covariance[(row, 0, 0)] = xx;
+        covariance[(row, 0, 1)] = xy;
+        covariance[(row, 1, 0)] = xy;
+        covariance[(row, 1, 1)] = yy;
+        forward_backward[row] = track.forward_backward;
+    }
+    let dict = PyDict::new(py);
+    dict.set_item("points", points.into_pyarray(py))?;
+    dict.set_item("status", status.into_pyarray(py))?;
+    dict.set_item("residual", residual.into_pyarray(py))?;
+    dict.set_item("covariance", covariance.into_pyarray(py))?;
+    dict.set_item("forward_backward", forward_backward.into_pyarray(py))?;
+    Ok(dict)
+}
+
+/// Where each point of `prev` is in `next`.
+#[pyfunction]
+#[pyo3(signature = (prev, next, points, initial, mask, options))]
+fn track_points<'py>(
+    py: Python<'py>,
+    prev: &Bound<'py, PyAny>,
+    next: &Bound<'py, PyAny>,
+    points: &Bound<'py, PyAny>,
+    initial: Option<&Bound<'py, PyAny>>,
+    mask: Option<&Bound<'py, PyAny>>,
+    options: &Bound<'py, PyDict>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let prev = AnyFrame::new("prev", prev)?;
+    let next = AnyFrame::new("next", next)?;
+    let views = pair(&prev, &next)?;
+    let (height, width) = prev.dim();
+    let mask = self::mask(mask, (height, width))?;
+    let mask = mask.as_ref().map(PyReadonlyArray2::as_array);
+    let points = points_of("points", points)?;
+    let initial = initial
+        .map(|initial| points_of("initial", initial))
+        .transpose()?;
+    let options = track_options(options)?;
+    let pixels = (2 * height * width).saturating_add(points.len() * PIXELS_A_POINT);
+    let tracks = interrupt::run(py, pixels, |execution: &Execution| {
+        let options = options.execution(execution.clone());
+        with_pair!(views, |prev, next| lk_core::track_points(
+            prev,
+            next,
+            &points,
+            initial.as_deref(),
+            mask,
+            &options
+        ))
+    })?;
+    to_dict(py, tracks.len(), tracks.into_iter())
+}
+
+/// Positions (N, 2) and responses (N,) of the corners of a frame, the best first.
+#[pyfunction]
+#[pyo3(signature = (frame, mask, max_corners, quality, min_distance, block_size, harris))]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "the arguments of the Python function"
+)]
+fn detect_corners<'py>(
+    py: Python<'py>,
+    frame: &Bound<'py, PyAny>,
+    mask: Option<&Bound<'py, PyAny>>,
+    max_corners: isize,
+    quality: f32,
+    min_distance: f32,
+    block_size: isize,
+    harris: Option<f32>,
+) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+    let frame = AnyFrame::new("frame", frame)?;
+    let (height, width) = frame.dim();
+    let mask = self::mask(mask, (height, width))?;
+    let mask = mask.as_ref().map(PyReadonlyArray2::as_array);
+    let options = corner_options(max_corners, quality, min_distance, block_size, harris)?;
+    let view = frame.view();
+    let corners = interrupt::run(py, height * width, |execution: &Execution| {
+        let options = options.execution(execution.clone());
+        with_view!(view, |frame| lk_core::detect_corners(frame, mask, &options))
+    })?;
+    let positions = Array2::from_shape_fn((corners.len(), 2), |(row, axis)| {
+        corners[row].position[axis]
+    });
+    let responses: Array1<f32> = corners.iter().map(|corner| corner.response).collect();
+    Ok((
+        positions.into_pyarray(py).into_any(),
+        responses.into_pyarray(py).into_any(),
+    ))
+}
+
+/// Points through a sequence; see `rsflow.PointTracker`.
+#[pyclass(name = "PointTracker", module = "rsflow._core")]
+struct PyPointTracker {
+    tracker: PointTracker,
+}
+
+#[pymethods]
+impl PyPointTracker {
+    #[new]
+    #[pyo3(signature = (options, max_corners, quality, min_distance))]
+    fn new(
+        options: &Bound<'_, PyDict>,
+        max_corners: isize,
+        quality: f32,
+        min_distance: f32,
+    ) -> PyResult<Self> {
+        let corner_options = corner_options(max_corners, quality, min_distance, 3, None)?;
+        let tracker = PointTracker::new(track_options(options)?, corner_options)
+            .map_err(|error| to_python(&error))?;
+        Ok(Self { tracker })
+    }
+
+    /// Take a frame; the arrays of the result by name.
+    fn update<'py>(
+        &mut self,
+        py: Python<'py>,
+        frame: &Bound<'py, PyAny>,
+        mask: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let frame = AnyFrame::new("frame", frame)?;
+        let (height, width) = frame.dim();
+        let mask = self::mask(mask, (height, width))?;
+        let mask = mask.as_ref().map(PyReadonlyArray2::as_array);
+        let tracker = &mut self.tracker;
+        let view = frame.view();
+        // The tracker is borrowed for the call, which a few milliseconds a frame end well before anyone waits.
+        let rows: Vec<StreamPoint> = py
+            .detach(|| {
+                with_view!(view, |frame| tracker.update(frame, mask)).map(<[StreamPoint]>::to_vec)
+            })
+            .map_err(|error| to_python(&error))?;
+        let dict = to_dict(py, rows.len(), rows.iter().map(|row| row.track))?;
+        let ids: Array1<i64> = rows
+            .iter()
+            .map(|row| i64::try_from(row.id).unwrap_or(i64::MAX))
+            .collect();
+        let ages: Array1<u32> = rows.iter().map(|row| row.age).collect();
+        let origins = Array2::from_shape_fn((rows.len(), 2), |(row, axis)| rows[row].origin[axis]);
+        dict.set_item("ids", ids.into_pyarray(py))?;
+        dict.set_item("ages", ages.into_pyarray(py))?;
+        dict.set_item("origins", origins.into_pyarray(py))?;
+        Ok(dict)
+    }
+
+    /// Forget the frame before and its points.
+    fn reset(&mut self) {
+        self.tracker.reset();
+    }
+
+    /// Whether the last frame began another scene.
+    #[getter]
+    fn scene_cut(&self) -> bool {
+        self.tracker.scene_cut()
+    }
+}

@@ -1,0 +1,358 @@
+"""Points: where each went from one frame to the next, or through a sequence, and where to start them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core
+from .errors import DTypeError, OptionError, ShapeError
+
+__all__ = ["Illumination", "PointStatus", "PointTracker", "Tracks", "detect_corners", "track_points"]
+
+Illumination = Literal["none", "offset", "gain_offset"]
+
+
+class PointStatus(IntEnum):
+    """Whether a point was tracked, or else the first reason why not. The values are those of lk-core."""
+
+    TRACKED = 0
+    """Tracked: position and covariance hold."""
+    OUT_OF_FRAME = 1
+    """The point is, or went, outside of the frame."""
+    LOW_TEXTURE = 2
+    """The window has too little texture, or only along one direction, to say where it went."""
+    NOT_CONVERGED = 3
+    """The steps did not come to rest, or went further than `max_displacement`."""
+    HIGH_RESIDUAL = 4
+    """What was found does not look like what was sought."""
+    FORWARD_BACKWARD = 5
+    """Tracked back, the point did not return to where it came from."""
+    MASKED = 6
+    """The mask excludes the point."""
+    NOT_FINITE = 7
+    """The point, or a pixel of its window, is NaN or infinite."""
+    NEW = 8
+    """Found in this frame by a `PointTracker`: it has a position, but no motion yet."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Where points went: one row for each, whether it was tracked or not.
+
+    Attributes
+    ----------
+    points : ndarray of float32, shape (N, 2)
+        Position (x, y) in the newer frame, in pixels; NaN unless tracked (or new, see `PointTracker`).
+    status : ndarray of uint8, shape (N,)
+        A `PointStatus` for each point.
+    residual : ndarray of float32, shape (N,)
+        Root mean square difference of the window between the frames, in grey levels, after the lighting model.
+    covariance : ndarray of float32, shape (N, 2, 2)
+        Covariance of the position in square pixels; infinite on the diagonal unless tracked.
+    forward_backward : ndarray of float32, shape (N,)
+        Distance in pixels between where a point came from and where it comes back when it is tracked back;
+        NaN if that was not measured.
+    origins : ndarray of float32, shape (N, 2)
+        Position in the older frame, in pixels; NaN for a new point.
+    ids : ndarray of int64, shape (N,)
+        The same in every frame of a `PointTracker`, never used again; otherwise the row.
+    ages : ndarray of uint32, shape (N,)
+        Frames since a `PointTracker` found the point; otherwise 1.
+    """
+
+    points: NDArray[np.float32]
+    status: NDArray[np.uint8]
+    residual: NDArray[np.float32]
+    covariance: NDArray[np.float32]
+    forward_backward: NDArray[np.float32]
+    origins: NDArray[np.float32]
+    ids: NDArray[np.int64]
+    ages: NDArray[np.uint32]
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which points were tracked, shape (N,)."""
+        valid: NDArray[np.bool_] = self.status == np.uint8(PointStatus.TRACKED)
+        return valid
+
+    @property
+    def displacement(self) -> NDArray[np.float32]:
+        """Motion (u, v) of each point in pixels, shape (N, 2); NaN unless tracked."""
+        return self.points - self.origins
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __repr__(self) -> str:
+        names = [status.name.lower() for status in PointStatus]
+        counts = np.bincount(self.status, minlength=len(names))
+        told = ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True) if count)
+        return f"Tracks({len(self)} points: {told or 'none'})"
+
+
+def track_points(
+    prev: NDArray[Any],
+    next: NDArray[Any],
+    points: ArrayLike,
+    *,
+    window_size: int | tuple[int, int] = 21,
+    levels: int | None = None,
+    max_displacement: float | None = None,
+    max_iterations: int = 30,
+    epsilon: float = 0.01,
+    illumination: Illumination = "gain_offset",
+    initial: ArrayLike | None = None,
+    max_forward_backward: float | None = 0.5,
+    mask: NDArray[np.bool_] | None = None,
+) -> Tracks:
+    """Where each point of `prev` is in `next`: pyramidal Lucas-Kanade with the lighting in the least squares.
+
+    Parameters
+    ----------
+    prev, next : ndarray, shape (height, width)
+        Grey frames of the same size and type: uint8, uint16 or float32. Crops are read in place.
+    points : array_like, shape (N, 2)
+        Positions (x, y) in `prev` in pixels, pixel centres at integers.
+    window_size : int or (width, height), optional
+        Side of the window around a point, 3 to 63 pixels.
+    levels : int, optional
+        Levels of the pyramid, the frame itself included. By default they follow from the frame's size and from
+        `max_displacement`.
+    max_displacement : float, optional
+        The longest displacement to look for, in pixels. By default any.
+    max_iterations : int, optional
+        Steps on one level after which a point counts as not converged.
+    epsilon : float, optional
+        Length of a step, in pixels, below which a point has converged.
+    illumination : {"none", "offset", "gain_offset"}, optional
+        What may change in the light of a window.
+    initial : array_like, shape (N, 2), optional
+        A first guess of each position in `next`, such as a gyroscope gives.
+    max_forward_backward : float or None, optional
+        How far from its start, in pixels, a point may come back when it is tracked back from `next` to `prev`.
+        None does not track back.
+    mask : ndarray of bool, shape (height, width), optional
+        True where to measure.
+
+    Returns
+    -------
+    Tracks
+        One row for each point, in order. A point that cannot be tracked has a status that says why, NaN for its
+        position and infinite variance.
+
+    Raises
+    ------
+    ShapeError, DTypeError, OptionError
+        If the arguments do not fit together; the message says which and how.
+
+    References
+    ----------
+    .. [1] B. Lucas and T. Kanade, "An iterative image registration technique with an application to stereo vision",
+       IJCAI 1981.
+    .. [2] J.-Y. Bouguet, "Pyramidal implementation of the affine Lucas Kanade feature tracker", Intel, 2001.
+    .. [3] G. Hager and P. Belhumeur, "Efficient region tracking with parametric models of geometry and
+       illumination", PAMI 1998, https://doi.org/10.1109/34.722606.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> y, x = np.mgrid[0:120, 0:160]
+    >>> picture = lambda x, y: 120 + 50 * np.sin(x / 3) * np.cos(y / 4) + 30 * np.sin((x + 2 * y) / 7)
+    >>> prev, next = (picture(x - u, y).astype(np.float32) for u in (0, 1.5))
+    >>> tracks = rsflow.track_points(prev, 0.8 * next + 5, [[60, 50], [90, 70]])
+    >>> np.round(tracks.displacement, 1) + 0
+    array([[1.5, 0. ],
+           [1.5, 0. ]], dtype=float32)
+    >>> tracks.valid
+    array([ True,  True])
+    """
+    origins = _points("points", points)
+    options = _options(
+        window_size=window_size,
+        levels=levels,
+        max_displacement=max_displacement,
+        max_iterations=max_iterations,
+        epsilon=epsilon,
+        illumination=illumination,
+        max_forward_backward=max_forward_backward,
+    )
+    start = None if initial is None else _points("initial", initial)
+    found = _core.track_points(prev, next, origins, start, mask, options)
+    count = len(origins)
+    return Tracks(**found, origins=origins, ids=np.arange(count, dtype=np.int64), ages=np.ones(count, dtype=np.uint32))
+
+
+def detect_corners(
+    frame: NDArray[Any],
+    *,
+    max_corners: int = 400,
+    quality: float = 0.01,
+    min_distance: float = 8,
+    mask: NDArray[np.bool_] | None = None,
+) -> NDArray[np.float32]:
+    """Find the corners of a frame, which a window can be tracked from, the best first.
+
+    Parameters
+    ----------
+    frame : ndarray, shape (height, width)
+        Grey levels: uint8, uint16 or float32.
+    max_corners : int, optional
+        The most corners to return; 0 means all.
+    quality : float, optional
+        The least response of a corner, as a share of the best one's, above 0 and up to 1. The response is the smaller
+        eigenvalue of the structure tensor over 3 x 3 pixels [1]_.
+    min_distance : float, optional
+        The least distance between two corners, in pixels.
+    mask : ndarray of bool, shape (height, width), optional
+        True where to look.
+
+    Returns
+    -------
+    ndarray of float32, shape (N, 2)
+        Positions (x, y) in pixels.
+
+    Raises
+    ------
+    ShapeError, DTypeError, OptionError
+        If an argument does not fit; the message says which and how.
+
+    References
+    ----------
+    .. [1] J. Shi and C. Tomasi, "Good features to track", CVPR 1994, https://doi.org/10.1109/CVPR.1994.323794.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> frame = np.zeros((60, 80), np.uint8)
+    >>> frame[20:40, 30:50] = 200
+    >>> rsflow.detect_corners(frame).shape
+    (4, 2)
+    """
+    return _core.detect_corners(frame, mask, int(max_corners), float(quality), float(min_distance), 3, None)[0]
+
+
+class PointTracker:
+    """Points through a sequence, with persistent ids; those that are lost are replaced.
+
+    Each frame's pyramid is built once. Where at least four of five points are lost at once, the frame is taken for the
+    first of another scene: all points are declared lost and new ones are found.
+
+    Parameters
+    ----------
+    max_corners : int, optional
+        How many points to keep; new ones are found in the empty cells of a grid when a tenth is missing.
+    quality, min_distance : float, optional
+        As for `detect_corners`.
+    window_size, levels, max_displacement, max_iterations, epsilon, illumination, max_forward_backward : optional
+        As for `track_points`.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> y, x = np.mgrid[0:120, 0:160]
+    >>> picture = (120 + 60 * np.sin(x * x / 900 + y / 5) * np.cos(y * y / 700 - x / 6)).astype(np.uint8)
+    >>> tracker = rsflow.PointTracker(max_corners=50)
+    >>> first = tracker.update(picture)
+    >>> second = tracker.update(np.roll(picture, 2, axis=1))
+    >>> sorted(set(second.ids[second.valid]) - set(first.ids))
+    []
+    >>> np.round(np.median(second.displacement[second.valid], axis=0))
+    array([2., 0.], dtype=float32)
+    """
+
+    def __init__(
+        self,
+        *,
+        max_corners: int = 400,
+        quality: float = 0.01,
+        min_distance: float = 8,
+        window_size: int | tuple[int, int] = 21,
+        levels: int | None = None,
+        max_displacement: float | None = None,
+        max_iterations: int = 30,
+        epsilon: float = 0.01,
+        illumination: Illumination = "gain_offset",
+        max_forward_backward: float | None = 0.5,
+    ) -> None:
+        options = _options(
+            window_size=window_size,
+            levels=levels,
+            max_displacement=max_displacement,
+            max_iterations=max_iterations,
+            epsilon=epsilon,
+            illumination=illumination,
+            max_forward_backward=max_forward_backward,
+        )
+        self._tracker = _core.PointTracker(options, int(max_corners), float(quality), float(min_distance))
+
+    def update(self, frame: NDArray[Any], *, mask: NDArray[np.bool_] | None = None) -> Tracks:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        frame : ndarray, shape (height, width)
+            Grey levels: uint8, uint16 or float32, of the size of the frames before.
+        mask : ndarray of bool, shape (height, width), optional
+            True where to measure in this frame.
+
+        Returns
+        -------
+        Tracks
+            A row for each point that the frame before had, tracked or lost, then one for each new point, with the
+            status ``PointStatus.NEW``; the first frame has only new ones.
+
+        Raises
+        ------
+        ShapeError, DTypeError
+            If the frame is not one, or not of the size of those before.
+        """
+        return Tracks(**self._tracker.update(frame, mask))
+
+    @property
+    def scene_cut(self) -> bool:
+        """Whether the last frame was taken for the first of another scene."""
+        return self._tracker.scene_cut
+
+    def reset(self) -> None:
+        """Forget the frame before and its points; ids go on."""
+        self._tracker.reset()
+
+
+def _points(name: str, value: ArrayLike) -> NDArray[np.float32]:
+    """`value` as (N, 2) float32; an empty list has no points."""
+    array = np.asarray(value)
+    if array.size == 0 and array.ndim == 1:
+        array = array.reshape(0, 2)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ShapeError(f"{name}: got shape {array.shape}, expected (N, 2), x and y of each point")
+    if array.dtype.kind not in "fiu":
+        raise DTypeError(f"{name}: got dtype {array.dtype}, expected numbers, x and y of each point")
+    return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def _options(*, window_size: int | tuple[int, int], illumination: str, **options: Any) -> dict[str, Any]:
+    """Check and convert the options for lk-core's binding."""
+    try:
+        width, height = (window_size, window_size) if np.isscalar(window_size) else window_size  # type: ignore[misc]
+        options["window_size"] = (int(width), int(height))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise OptionError(f"window_size: got {window_size!r}, expected an int or (width, height)") from None
+    for name in ("levels", "max_iterations"):
+        value = options[name]
+        if value is not None and not isinstance(value, (int, np.integer)):
+            raise OptionError(f"{name}: got {value!r}, expected an int")
+    for name in ("max_displacement", "epsilon", "max_forward_backward"):
+        value = options[name]
+        if value is None and name != "epsilon":
+            continue
+        if not isinstance(value, (int, float, np.integer, np.floating)):
+            raise OptionError(f"{name}: got {value!r}, expected a number of pixels")
+        options[name] = float(value)
+    options["illumination"] = str(illumination)
+    return options
