@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .camera.model import Camera
     from .io import read_flow, write_flow
     from .plotting import QuiverStyle, flow_to_color, quiver
+    from .shift import Shift, ShiftStatus, estimate_shift
     from .tracking import PointStatus, PointTracker, Tracks, detect_corners, track_points
     from .video import VideoWriter
 
@@ -40,9 +41,12 @@ _LAZY: dict[str, str] = {
     "PointStatus": ".tracking",
     "PointTracker": ".tracking",
     "QuiverStyle": ".plotting",
+    "Shift": ".shift",
+    "ShiftStatus": ".shift",
     "Tracks": ".tracking",
     "VideoWriter": ".video",
     "detect_corners": ".tracking",
+    "estimate_shift": ".shift",
     "flow_to_color": ".plotting",
     "frames": ".camera.capture",
     "quiver": ".plotting",
@@ -69,11 +73,14 @@ __all__ = [
     "QuiverStyle",
     "RsflowError",
     "ShapeError",
+    "Shift",
+    "ShiftStatus",
     "Tracks",
     "VideoWriter",
     "__version__",
     "build_info",
     "detect_corners",
+    "estimate_shift",
     "flow_to_color",
     "frames",
     "get_num_threads",

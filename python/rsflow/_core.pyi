@@ -33,3 +33,11 @@ class PointTracker:
     def reset(self) -> None: ...
     @property
     def scene_cut(self) -> bool: ...
+def estimate_shift(
+    prev: Any,
+    next: Any,
+    roi: tuple[int, int, int, int] | None,
+    mask: Any | None,
+    illumination: str,
+    max_displacement: float | None,
+) -> tuple[float, float, tuple[float, float, float, float], float, float, float, int]: ...

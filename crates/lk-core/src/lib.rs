@@ -14,7 +14,9 @@ mod frame;
 mod illumination;
 mod lanes;
 mod parallel;
+mod phase;
 mod pyramid;
+mod shift;
 mod simd;
 mod track;
 
@@ -25,6 +27,7 @@ pub use frame::{Frame, Pixel, Plane};
 pub use illumination::Illumination;
 pub use parallel::{num_threads, set_num_threads};
 pub use pyramid::Pyramid;
+pub use shift::{Roi, Shift, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::Level;
 pub use track::{
     PointStatus, PointTracker, StreamPoint, TrackOptions, TrackedPoint, track_points,

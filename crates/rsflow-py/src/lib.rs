@@ -5,6 +5,7 @@
 mod errors;
 mod frames;
 mod interrupt;
+mod shift;
 mod tracking;
 
 use pyo3::prelude::*;
@@ -64,5 +65,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(get_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(build_info, module)?)?;
     tracking::register(module)?;
+    module.add_function(wrap_pyfunction!(shift::estimate_shift, module)?)?;
     Ok(())
 }

@@ -15,7 +15,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NoReturn
 
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)` and `run(args) -> int`, one line of help).
-COMMANDS: dict[str, tuple[str, str]] = {}
+COMMANDS: dict[str, tuple[str, str]] = {
+    "shift": ("rsflow.cli.shift", "how far a window moved from one picture to the next"),
+}
 
 # Shown first in the overview: where a newcomer begins.
 _FIRST = ("demo", "extract")

@@ -1,0 +1,71 @@
+//! `estimate_shift` for Python.
+
+use lk_core::{Illumination, Roi, ShiftOptions};
+use numpy::PyReadonlyArray2;
+use pyo3::prelude::*;
+
+use crate::errors::to_python;
+use crate::frames::{AnyFrame, mask as borrow_mask, pair};
+use crate::interrupt;
+use crate::with_pair;
+
+/// dx, dy, the covariance by rows, gain, offset, residual, status.
+type Fields = (f64, f64, (f64, f64, f64, f64), f64, f64, f64, u8);
+
+/// The displacement of a window; see `rsflow.estimate_shift`.
+#[pyfunction]
+#[pyo3(signature = (prev, next, roi, mask, illumination, max_displacement))]
+pub(crate) fn estimate_shift(
+    py: Python<'_>,
+    prev: &Bound<'_, PyAny>,
+    next: &Bound<'_, PyAny>,
+    roi: Option<(usize, usize, usize, usize)>,
+    mask: Option<&Bound<'_, PyAny>>,
+    illumination: &str,
+    max_displacement: Option<f64>,
+) -> PyResult<Fields> {
+    let prev = AnyFrame::new("prev", prev)?;
+    let next = AnyFrame::new("next", next)?;
+    let views = pair(&prev, &next)?;
+    let mask = borrow_mask(mask, prev.dim())?;
+    let mask = mask.as_ref().map(PyReadonlyArray2::as_array);
+    let mut options = ShiftOptions::default().illumination(
+        illumination
+            .parse::<Illumination>()
+            .map_err(|error| to_python(&error))?,
+    );
+    let (height, width) = prev.dim();
+    let mut pixels = height * width;
+    if let Some((x, y, width, height)) = roi {
+        options = options.roi(Roi {
+            x,
+            y,
+            width,
+            height,
+        });
+        pixels = pixels.min(width.saturating_mul(height).saturating_mul(9));
+    }
+    if let Some(limit) = max_displacement {
+        options = options.max_displacement(limit);
+    }
+    let shift = with_pair!(views, |prev, next| interrupt::run(
+        py,
+        pixels,
+        move |execution| lk_core::estimate_shift(
+            prev,
+            next,
+            mask,
+            &options.execution(execution.clone())
+        )
+    ))?;
+    let [[xx, xy], [yx, yy]] = shift.covariance;
+    Ok((
+        shift.dx,
+        shift.dy,
+        (xx, xy, yx, yy),
+        shift.gain,
+        shift.offset,
+        shift.residual,
+        shift.status as u8,
+    ))
+}

@@ -1,0 +1,118 @@
+"""``rsflow shift PREV NEXT``: how far a window moved from one picture to the next."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rsflow.errors import CaptureError
+
+if TYPE_CHECKING:
+    from rsflow.shift import Shift
+
+DESCRIPTION = """\
+Measure how far the content of one window, or of the whole picture, moved from PREV to NEXT.
+
+examples:
+  rsflow shift a.png b.png                        the whole picture
+  rsflow shift a.png b.png --roi 300,200,60,60    one window of 60 x 60, from column 300 and row 200
+  rsflow shift a.png b.png --json                 for a program to read
+
+The displacement is in pixels, x to the right and y down. Exit code 1 if it could not be measured."""
+
+
+def _roi(text: str) -> tuple[int, int, int, int]:
+    """Four integers from ``x,y,width,height``."""
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected X,Y,WIDTH,HEIGHT in whole pixels") from None
+    return x, y, width, height
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("prev", metavar="PREV", help="the first picture; colour is read as grey")
+    parser.add_argument("next", metavar="NEXT", help="the second picture, of the same size")
+    parser.add_argument("--roi", type=_roi, metavar="X,Y,W,H", help="the window in PREV (default: the whole picture)")
+    parser.add_argument(
+        "--illumination",
+        choices=("gain_offset", "offset", "none"),
+        default="gain_offset",
+        help="how light may change (default: gain_offset)",
+    )
+    parser.add_argument(
+        "--max-displacement",
+        type=float,
+        metavar="PX",
+        help="the largest displacement along each axis, in pixels (default: half the window)",
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
+
+
+def _grey(path: str) -> np.ndarray[Any, Any]:
+    """A picture as grey levels, in the file's own depth."""
+    import cv2
+
+    try:
+        with open(path, "rb") as file:  # noqa: PTH123
+            data = np.frombuffer(file.read(), dtype=np.uint8)
+    except OSError as error:
+        raise CaptureError(f"cannot read {path}: {error.strerror}") from None
+    picture = cv2.imdecode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE) if data.size else None
+    if picture is None:
+        raise CaptureError(f"cannot read {path}: not a picture that OpenCV can decode")
+    return picture
+
+
+def _as_json(shift: Shift) -> dict[str, Any]:
+    """The result with numbers that JSON can carry: null where not measured."""
+
+    def number(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    return {
+        "dx": number(shift.dx),
+        "dy": number(shift.dy),
+        "covariance": [[number(float(value)) for value in row] for row in shift.covariance],
+        "gain": number(shift.gain),
+        "offset": number(shift.offset),
+        "residual": number(shift.residual),
+        "status": shift.status.name,
+        "valid": shift.valid,
+    }
+
+
+def _as_text(shift: Shift) -> str:
+    if not shift.valid:
+        return f"not measured ({shift.status.name}): {shift.status.explanation}"
+    sigma_x, sigma_y = np.sqrt(np.diag(shift.covariance))
+    return "\n".join(
+        (
+            f"displacement  dx = {shift.dx:+.4f} px (right), dy = {shift.dy:+.4f} px (down)",
+            f"deviation     sigma_x = {sigma_x:.4f} px, sigma_y = {sigma_y:.4f} px "
+            "(the truth is within 1 sigma in 68 %, within 2 in 95 % of cases)",
+            f"light         next = {shift.gain:.4f} * prev {shift.offset:+.2f} grey levels, on average",
+            f"residual      {shift.residual:.3f} grey levels rms, after motion and light",
+            f"status        {shift.status.name}: {shift.status.explanation}",
+        )
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command: 0 if the displacement was measured, 1 if not."""
+    from rsflow.shift import estimate_shift
+
+    shift = estimate_shift(
+        _grey(args.prev),
+        _grey(args.next),
+        roi=args.roi,
+        illumination=args.illumination,
+        max_displacement=args.max_displacement,
+    )
+    print(json.dumps(_as_json(shift)) if args.json else _as_text(shift))
+    return 0 if shift.valid else 1

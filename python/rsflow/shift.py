@@ -1,0 +1,178 @@
+"""The displacement of one window, or of a whole frame, with its covariance."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _core
+from .errors import DTypeError, OptionError
+
+__all__ = ["Shift", "ShiftStatus", "estimate_shift"]
+
+
+class ShiftStatus(IntEnum):
+    """Whether a displacement could be measured, and if not, why."""
+
+    VALID = 0
+    """Measured."""
+    TOO_SMALL = 1
+    """The window, or what a mask or NaN leave of it, has too few pixels."""
+    TOO_LITTLE_OVERLAP = 2
+    """At the displacement found, the frames share too little of the window."""
+    NO_TEXTURE = 3
+    """The window shows no structure that stands out of the noise."""
+    APERTURE = 4
+    """The window shows structure in one direction only: motion along it cannot be seen."""
+    NO_MATCH = 5
+    """Nothing in the other frame looks like the window: a scene cut, or motion beyond `max_displacement`."""
+    NOT_CONVERGED = 6
+    """The iteration did not settle."""
+
+    @property
+    def explanation(self) -> str:
+        """The status in a sentence."""
+        return _EXPLANATIONS[self]
+
+
+_EXPLANATIONS = {
+    ShiftStatus.VALID: "measured",
+    ShiftStatus.TOO_SMALL: "the window, or what the mask and NaN leave of it, has too few pixels",
+    ShiftStatus.TOO_LITTLE_OVERLAP: "at the displacement found, the frames share too little of the window",
+    ShiftStatus.NO_TEXTURE: "the window shows no structure that stands out of the noise",
+    ShiftStatus.APERTURE: "the window shows structure in one direction only: motion along it cannot be seen",
+    ShiftStatus.NO_MATCH: "nothing in the other frame looks like the window: a scene cut, or motion that is too large",
+    ShiftStatus.NOT_CONVERGED: "the iteration did not settle",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shift:
+    """The displacement of a window from one frame to the next.
+
+    Attributes
+    ----------
+    dx, dy : float
+        Displacement in pixels, x to the right and y down; NaN where not valid.
+    covariance : ndarray of float64, shape (2, 2)
+        Covariance of (dx, dy) in square pixels; infinite where not valid.
+    gain, offset : float
+        ``next = gain * prev + offset`` on average over the window, offset in grey levels; NaN where not valid.
+    residual : float
+        Root mean square of ``next - prev`` after motion and light, in grey levels; NaN where not valid.
+    status : ShiftStatus
+        Whether the displacement could be measured, and if not, why.
+    """
+
+    dx: float
+    dy: float
+    covariance: npt.NDArray[np.float64]
+    gain: float
+    offset: float
+    residual: float
+    status: ShiftStatus
+
+    @property
+    def valid(self) -> bool:
+        """Whether the displacement was measured."""
+        return self.status is ShiftStatus.VALID
+
+
+_STATUS = tuple(ShiftStatus)
+
+
+def _checked_roi(roi: Sequence[int]) -> tuple[int, int, int, int]:
+    """`roi` as four integers that are not negative."""
+    expected = "expected (x, y, width, height), four integers that are not negative"
+    try:
+        values = tuple(operator.index(value) for value in roi)
+    except TypeError:
+        raise DTypeError(f"roi: got {roi!r}, {expected}") from None
+    if len(values) != 4 or min(values) < 0:
+        raise OptionError(f"roi: got {roi!r}, {expected}")
+    return values[0], values[1], values[2], values[3]
+
+
+def estimate_shift(
+    prev: npt.NDArray[np.generic],
+    next: npt.NDArray[np.generic],
+    *,
+    roi: Sequence[int] | None = None,
+    mask: npt.NDArray[np.bool_] | None = None,
+    illumination: str = "gain_offset",
+    max_displacement: float | None = None,
+) -> Shift:
+    """Measure how far a window, or the whole frame, moved from `prev` to `next`.
+
+    Parameters
+    ----------
+    prev, next : ndarray, shape (height, width)
+        Two grey frames of one type: uint8, uint16 or float32. Pixels that are NaN are left out.
+    roi : (x, y, width, height), optional
+        The window in `prev`, in pixels; the whole frame by default. It says which content is followed: `next` is read
+        outside of it as far as the motion goes, so that the shared part does not shrink.
+    mask : ndarray of bool, shape (height, width), optional
+        True where `prev` may be used.
+    illumination : {"gain_offset", "offset", "none"}
+        How light may change: ``next = gain * prev + offset``, ``next = prev + offset`` or not at all. Both may vary
+        slowly over the window.
+    max_displacement : float, optional
+        The largest displacement along each axis, in pixels; by default half the window.
+
+    Returns
+    -------
+    Shift
+        The displacement with its covariance and status. What cannot be measured is NaN with infinite covariance and a
+        status that says why; it is never zero.
+
+    Raises
+    ------
+    DTypeError
+        If a frame, `mask` or `roi` has a type that is not supported, or the frames differ in type.
+    ShapeError
+        If a frame is not two-dimensional, or sizes differ.
+    OptionError
+        If `roi` is not inside of the frame, or an option has a value outside of what it allows.
+
+    Notes
+    -----
+    Least squares after Lucas and Kanade [1]_ on frames that are sampled half a displacement towards each other, with
+    the light as further unknowns of each part of the window, from a start found by phase correlation [2]_. Swapping
+    the frames negates the result.
+
+    References
+    ----------
+    .. [1] B. D. Lucas and T. Kanade, "An iterative image registration technique with an application to stereo vision",
+       IJCAI, 1981.
+    .. [2] C. D. Kuglin and D. C. Hines, "The phase correlation image alignment method", Proc. Int. Conf. Cybernetics
+       and Society, 1975.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rsflow
+    >>> y, x = np.mgrid[0:60, 0:60].astype(np.float32)
+    >>> def scene(x, y):
+    ...     return 100 + 40 * np.sin(0.4 * x) * np.cos(0.3 * y + 0.1 * x)
+    >>> shift = rsflow.estimate_shift(scene(x, y), 1.2 * scene(x - 2.25, y + 1.5))
+    >>> shift.valid, round(shift.dx, 2), round(shift.dy, 2), round(shift.gain, 2)
+    (True, 2.25, -1.5, 1.2)
+    """
+    window = None if roi is None else _checked_roi(roi)
+    dx, dy, covariance, gain, offset, residual, status = _core.estimate_shift(
+        prev, next, window, mask, illumination, max_displacement
+    )
+    return Shift(
+        dx=dx,
+        dy=dy,
+        covariance=np.array(covariance).reshape(2, 2),
+        gain=gain,
+        offset=offset,
+        residual=residual,
+        status=_STATUS[status],
+    )
