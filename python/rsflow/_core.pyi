@@ -33,6 +33,7 @@ class PointTracker:
     def reset(self) -> None: ...
     @property
     def scene_cut(self) -> bool: ...
+
 def estimate_shift(
     prev: Any,
     next: Any,

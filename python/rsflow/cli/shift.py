@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _grey(path: str) -> np.ndarray[Any, Any]:
-    """A picture as grey levels, in the file's own depth."""
+    """Read a picture as grey levels, in the depth of the file."""
     import cv2
 
     try:
@@ -66,11 +66,12 @@ def _grey(path: str) -> np.ndarray[Any, Any]:
     picture = cv2.imdecode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE) if data.size else None
     if picture is None:
         raise CaptureError(f"cannot read {path}: not a picture that OpenCV can decode")
-    return picture
+    grey: np.ndarray[Any, Any] = picture
+    return grey
 
 
 def _as_json(shift: Shift) -> dict[str, Any]:
-    """The result with numbers that JSON can carry: null where not measured."""
+    """Give the result as numbers that JSON can carry: null where not measured."""
 
     def number(value: float) -> float | None:
         return value if math.isfinite(value) else None
