@@ -15,12 +15,12 @@ WIDE = Camera(150.0, 152.0, 80.0, 60.0, width=160, height=120, distortion=(-0.25
 
 @pytest.mark.parametrize("kind", sorted(synthetic.BANDS))
 def test_texture_is_standardised_and_seeded(kind: str) -> None:
-    a, b = texture((50, 81), kind, seed=4), texture((50, 81), kind, seed=5)
-    assert a.shape == (50, 81)
+    a, b = texture((200, 301), kind, seed=4), texture((200, 301), kind, seed=5)
+    assert a.shape == (200, 301)
     assert abs(a.mean()) < 1e-9
     assert a.std() == pytest.approx(1.0)
-    np.testing.assert_array_equal(a, texture((50, 81), kind, seed=4))
-    assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 0.35
+    np.testing.assert_array_equal(a, texture((200, 301), kind, seed=4))
+    assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 0.3
 
 
 def test_texture_is_band_limited() -> None:

@@ -25,18 +25,17 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
-    from .camera.calibration import Calibration, calibrate
     from .camera.capture import Frame, Frames, frames
     from .camera.model import Camera
     from .io import read_flow, write_flow
     from .plotting import QuiverStyle, flow_to_color, quiver
     from .shift import Shift, ShiftStatus, estimate_shift
     from .tracking import PointStatus, PointTracker, Tracks, detect_corners, track_points
+    from .velocity import Velocity, VelocityEstimator, VelocityStatus
     from .video import VideoWriter
 
 # Where each public name lives; the module is imported when the name is first used.
 _LAZY: dict[str, str] = {
-    "Calibration": ".camera.calibration",
     "Camera": ".camera.model",
     "Frame": ".camera.capture",
     "Frames": ".camera.capture",
@@ -46,8 +45,10 @@ _LAZY: dict[str, str] = {
     "Shift": ".shift",
     "ShiftStatus": ".shift",
     "Tracks": ".tracking",
+    "Velocity": ".velocity",
+    "VelocityEstimator": ".velocity",
+    "VelocityStatus": ".velocity",
     "VideoWriter": ".video",
-    "calibrate": ".camera.calibration",
     "detect_corners": ".tracking",
     "estimate_shift": ".shift",
     "flow_to_color": ".plotting",
@@ -62,7 +63,6 @@ _LAZY: dict[str, str] = {
 _SUBMODULES = ("camera", "interop", "io", "plotting", "synthetic", "video")
 
 __all__ = [
-    "Calibration",
     "CalibrationError",
     "Camera",
     "CaptureError",
@@ -80,10 +80,12 @@ __all__ = [
     "Shift",
     "ShiftStatus",
     "Tracks",
+    "Velocity",
+    "VelocityEstimator",
+    "VelocityStatus",
     "VideoWriter",
     "__version__",
     "build_info",
-    "calibrate",
     "detect_corners",
     "estimate_shift",
     "flow_to_color",

@@ -7,20 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._rotation import rotation_matrix
 from ..camera.model import Camera
 from ..errors import OptionError
 
 F64 = NDArray[np.float64]
-
-
-def rotation_from_vector(vector: ArrayLike) -> F64:
-    """Rotate by |vector| radians about `vector`, right-handed (Rodrigues' formula)."""
-    w = np.asarray(vector, dtype=np.float64)
-    angle = float(np.linalg.norm(w))
-    if angle == 0.0:
-        return np.eye(3)
-    k = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]]) / angle
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k))
 
 
 @dataclass(frozen=True)
@@ -45,7 +36,7 @@ class Path:
         k = int(np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, count - 1))
         since, span = t_s - float(self.t_s[k]), float(self.t_s[k + 1] - self.t_s[k])
         step = (self.position_m[k + 1] - self.position_m[k]) * (since / span)
-        return self.position_m[k] + step, self.rotation[k] @ rotation_from_vector(self.rate_rad_s[k] * since)
+        return self.position_m[k] + step, self.rotation[k] @ rotation_matrix(self.rate_rad_s[k] * since)
 
 
 def path_from_rates(
@@ -65,15 +56,15 @@ def path_from_rates(
         steps.append(np.broadcast_to(value, (count, 3)).copy())
     velocity, rate = steps
     position = [np.array([0.0, 0.0, -float(height_m)])]
-    rotation = [rotation_from_vector((tilt_rad[0], 0.0, 0.0)) @ rotation_from_vector((0.0, tilt_rad[1], 0.0))]
+    attitude = [rotation_matrix((tilt_rad[0], 0.0, 0.0)) @ rotation_matrix((0.0, tilt_rad[1], 0.0))]
     for k in range(count):
         dt = float(times_s[k + 1] - times_s[k])
-        middle = rotation[k] @ rotation_from_vector(rate[k] * (dt / 2))
+        middle = attitude[k] @ rotation_matrix(rate[k] * (dt / 2))
         position.append(position[k] + middle @ velocity[k] * dt)
-        rotation.append(rotation[k] @ rotation_from_vector(rate[k] * dt))
+        attitude.append(attitude[k] @ rotation_matrix(rate[k] * dt))
         if position[-1][2] >= 0:
             raise OptionError(f"flight: the camera reaches the ground at t = {times_s[k + 1]:g} s; raise height_m")
-    return Path(times_s, np.stack(position), np.stack(rotation), velocity, rate)
+    return Path(times_s, np.stack(position), np.stack(attitude), velocity, rate)
 
 
 class Optics:

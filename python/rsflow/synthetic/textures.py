@@ -50,8 +50,8 @@ def texture(shape: tuple[int, int], kind: str = "fine", *, seed: int = 0) -> NDA
     >>> t.shape, round(float(t.std()), 6)
     ((64, 96), 1.0)
     """
-    values = np.fft.irfft2(_spectrum(shape, kind, seed, 1.0), s=shape)
-    return np.asarray(values / (values.std() or 1.0), dtype=np.float64)
+    spectrum = _spectrum(shape, kind, seed, 1.0)
+    return np.asarray(np.fft.irfft2(spectrum / _deviation(spectrum, shape), s=shape), dtype=np.float64)
 
 
 def _spectrum(shape: tuple[int, int], kind: str, seed: int, oversample: float) -> NDArray[np.complex128]:
@@ -75,8 +75,18 @@ def _spectrum(shape: tuple[int, int], kind: str, seed: int, oversample: float) -
         response[height // 2] = 0.0
     if width % 2 == 0:
         response[:, -1] = 0.0
-    noise = np.random.default_rng([seed, 7_919]).standard_normal(shape)
-    return np.asarray(np.fft.rfft2(noise) * response, dtype=np.complex128)
+    # White noise, drawn where it is needed: two real numbers for each coefficient.
+    drawn = np.random.default_rng([seed, 7_919]).standard_normal((*response.shape, 2)).view(np.complex128)[..., 0]
+    # The transform of real values repeats itself, conjugated, in the column of frequency 0.
+    drawn[:, 0] = (drawn[:, 0] + np.conj(np.roll(drawn[::-1, 0], 1))) / np.sqrt(2.0)
+    return np.asarray(drawn * response, dtype=np.complex128)
+
+
+def _deviation(spectrum: NDArray[np.complex128], shape: tuple[int, int]) -> float:
+    """Give the standard deviation of the values of a half spectrum (Parseval's theorem); 1 where all are zero."""
+    power = np.abs(spectrum) ** 2
+    total = 2.0 * float(power.sum()) - float(power[:, 0].sum())
+    return float(np.sqrt(total)) / (shape[0] * shape[1]) or 1.0
 
 
 @dataclass(frozen=True)
@@ -126,10 +136,16 @@ class Texture:
         columns, wx = _taps(x * self.oversample, size)
         rows, wy = _taps(y * self.oversample, size)
         if x.ndim == 2 and y.ndim == 2 and x.shape[0] == 1 and y.shape[1] == 1:
-            lines = np.zeros((y.shape[0], size))
+            # Only the grid's columns that are read; their numbers wrap as the texture does.
+            first = int(np.floor(x.min() * self.oversample)) - 1
+            last = int(np.floor(x.max() * self.oversample)) + 2
+            used = np.arange(first, min(last + 1, first + size)) % size
+            place = np.full(size, -1)
+            place[used] = np.arange(len(used))
+            lines = np.zeros((y.shape[0], len(used)))
             for k in range(4):
-                lines += wy[k] * self.coefficients[rows[k][:, 0]]
-            return np.asarray(sum(wx[k] * lines[:, columns[k][0]] for k in range(4)), dtype=np.float64)
+                lines += wy[k] * self.coefficients[rows[k][:, 0, None], used]
+            return np.asarray(sum(wx[k] * lines[:, place[columns[k][0]]] for k in range(4)), dtype=np.float64)
         flat = self.coefficients.ravel()
         value = np.zeros(np.broadcast_shapes(x.shape, y.shape))
         for j in range(4):
@@ -157,12 +173,12 @@ def _taps(at: NDArray[np.float64], size: int) -> tuple[list[NDArray[np.intp]], l
 def _make(kind: str, seed: int, period: int, oversample: float) -> Texture:
     size = round(period * oversample)
     spectrum = _spectrum((size, size), kind, seed, oversample)
-    values = np.fft.irfft2(spectrum, s=(size, size))
-    scale = float(values.std()) or 1.0
     # Through the grid's points exactly: divide by the spectrum of the sampled B-spline, (4 + 2 cos w) / 6.
     response_y = (4.0 + 2.0 * np.cos(2 * np.pi * np.fft.fftfreq(size)))[:, None] / 6.0
     response_x = (4.0 + 2.0 * np.cos(2 * np.pi * np.fft.rfftfreq(size)))[None, :] / 6.0
-    coefficients = np.fft.irfft2(spectrum / (response_y * response_x), s=(size, size)) / scale
+    coefficients = np.fft.irfft2(
+        spectrum / (response_y * (response_x * _deviation(spectrum, (size, size)))), s=(size, size)
+    )
     coefficients.setflags(write=False)
     return Texture(coefficients, size / period)
 
@@ -237,7 +253,7 @@ def shifted_pair(
     spectrum = _spectrum(shape, kind, seed, 1.0)
     wy = 2 * np.pi * np.fft.fftfreq(shape[0])[:, None]
     wx = 2 * np.pi * np.fft.rfftfreq(shape[1])[None, :]
-    spectrum *= CONTRAST_LEVELS / (np.fft.irfft2(spectrum, s=shape).std() or 1.0)
+    spectrum *= CONTRAST_LEVELS / _deviation(spectrum, shape)
     crop = (slice(pad - margin, pad + height + margin), slice(pad - margin, pad + width + margin))
     scenes = (spectrum, spectrum * np.exp(-1j * (wx * dx + wy * dy)))
     frames = [sensor.blur(np.ascontiguousarray(MEAN_LEVEL + np.fft.irfft2(s, s=shape)[crop])) for s in scenes]

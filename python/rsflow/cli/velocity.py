@@ -1,0 +1,152 @@
+"""``rsflow velocity``: how fast the camera travels over flat ground."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+DESCRIPTION = """\
+Measure how fast a camera travels over flat ground, and what the figures are worth.
+
+Needs a calibrated camera (see 'rsflow calibrate') and the height over the ground: constant, or a CSV with the columns
+t_s,height_m (read between its rows) or frame,height_m. Writes into the folder OUT:
+
+  velocity.csv   a row a frame: frame,t_s,dt_s,vx_m_s,vy_m_s,vz_m_s, their standard deviations, height_m,
+                 dx_px,dy_px (how far the picture went), n_points,status
+  velocity.png   the velocity over time (needs matplotlib: pip install 'rsflow[plot]')
+
+Axes are the camera's: x right, y down the picture, z along the optical axis. A camera that moves to its right has
+vx > 0 while the picture flows to the left. What cannot be measured is nan, with the reason in the column status.
+
+examples:
+  rsflow velocity flight.mp4 --camera cam.yaml --height 0.2
+  rsflow velocity flight.mp4 --camera cam.yaml --height-csv heights.csv --height-std 0.002 -o out
+  rsflow velocity 'pictures/*.png' --rate 30 --camera cam.yaml --height 0.2 --json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``rsflow velocity``."""
+    parser.add_argument("source", metavar="SOURCE", help="video, folder or glob of pictures, camera number, URL")
+    parser.add_argument("--camera", metavar="FILE", required=True, help="calibration: ROS, OpenCV, kalibr or JSON")
+    height = parser.add_mutually_exclusive_group(required=True)
+    height.add_argument("--height", type=float, metavar="M", help="perpendicular distance from the ground in metres")
+    height.add_argument("--height-csv", metavar="FILE", help="heights: columns t_s,height_m or frame,height_m")
+    parser.add_argument("--height-std", type=float, default=0.0, metavar="M", help="standard deviation of the height")
+    parser.add_argument("-o", "--output", default=".", metavar="OUT", help="folder for the files (default: this one)")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="frames per second, for pictures without times")
+    parser.add_argument("--start", type=int, metavar="N", help="first frame (counted from 0)")
+    parser.add_argument("--stop", type=int, metavar="N", help="end before this frame")
+    parser.add_argument("--stride", type=int, default=1, metavar="N", help="take every Nth frame")
+    parser.add_argument("--json", action="store_true", help="print a summary as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, write the table and the plot, print a summary."""
+    import rsflow
+    from rsflow.velocity import Heights, velocity_row, write_velocity_csv
+
+    camera = rsflow.Camera.load(args.camera)
+    heights = None if args.height_csv is None else Heights.read(args.height_csv)
+    folder = Path(args.output)
+    # Found out before the work, not after it.
+    folder.mkdir(parents=True, exist_ok=True)
+    rows: list[dict[str, Any]] = []
+    budget, interrupted = "", False
+    source = int(args.source) if args.source.isdecimal() else args.source
+    with rsflow.frames(source, frame_rate=args.rate, start=args.start, stop=args.stop, stride=args.stride) as sequence:
+        estimator = None
+        try:
+            for frame in sequence:
+                height, width = frame.image.shape
+                if estimator is None:
+                    estimator = rsflow.VelocityEstimator(
+                        _fitting(camera, width, height), height_m=args.height, height_std_m=args.height_std
+                    )
+                own = None if heights is None else heights.at(frame=frame.index, t_s=frame.t_s)
+                v = estimator.update(frame.image, frame.t_s, height_m=own)
+                rows.append(velocity_row(v, frame=frame.index, height_m=args.height if own is None else own))
+                budget = v.budget() if v.valid else budget
+        except KeyboardInterrupt:
+            interrupted = True
+    table, picture = folder / "velocity.csv", folder / "velocity.png"
+    write_velocity_csv(table, rows)
+    note = _plotted(picture, rows, str(args.source))
+    summary = _summary(rows) | {"csv": str(table), "plot": str(picture) if note is None else None}
+    if args.json:
+        print(json.dumps(summary, indent=2))
+    else:
+        _show(summary, budget)
+    if note is not None:
+        print(f"rsflow velocity: no plot: {note}", file=sys.stderr)
+    if interrupted:
+        raise KeyboardInterrupt(f"interrupted after {len(rows)} frames; {table} has them")
+    return 0
+
+
+def _fitting(camera: Any, width: int, height: int) -> Any:
+    """Fit the camera to pictures of this size: scaled where they keep the proportions."""
+    if camera.size == (width, height):
+        return camera
+    from rsflow.errors import OptionError
+
+    if abs(width * camera.height - height * camera.width) > max(width, height):
+        raise OptionError(
+            f"the pictures have {width} x {height} pixels, the camera was calibrated at {camera.width} x "
+            f"{camera.height}: other proportions, so they are cropped; crop the camera (Camera.cropped) and save it"
+        )
+    return camera.scaled(width, height)
+
+
+def _plotted(path: Path, rows: list[dict[str, Any]], title: str) -> str | None:
+    """Draw the plot; what stands in the way as a sentence."""
+    from rsflow.errors import MissingExtraError
+    from rsflow.velocity import plot_velocity
+
+    if not rows:
+        return "there are no frames"
+    try:
+        plot_velocity(path, rows, title=title)
+    except MissingExtraError as error:
+        return str(error)
+    return None
+
+
+def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    import numpy as np
+
+    measured = [row for row in rows if row["status"] == "ok"]
+    summary: dict[str, Any] = {
+        "frames": len(rows),
+        "measured": len(measured),
+        "status": dict(Counter(row["status"] for row in rows)),
+    }
+    for name in ("vx_m_s", "vy_m_s", "vz_m_s"):
+        values = np.array([row[name] for row in measured], dtype=np.float64)
+        values = values[np.isfinite(values)]
+        summary[f"mean_{name}"] = float(values.mean()) if values.size else None
+    speeds = [math.hypot(row["vx_m_s"], row["vy_m_s"]) for row in measured]
+    summary["mean_speed_m_s"] = float(np.mean(speeds)) if speeds else None
+    summary["distance_m"] = float(sum(s * row["dt_s"] for s, row in zip(speeds, measured, strict=True)))
+    return summary
+
+
+def _show(summary: dict[str, Any], budget: str) -> None:
+    others = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in summary["status"].items() if name != "ok")
+    print(f"{summary['measured']} of {summary['frames']} frames measured" + (f" ({others})" if others else ""))
+    if summary["measured"]:
+        print("mean velocity  " + "  ".join(
+            f"{axis} {summary[f'mean_{axis}_m_s']:+.4g} m/s" if summary[f"mean_{axis}_m_s"] is not None else f"{axis} ?"
+            for axis in ("vx", "vy", "vz")
+        ))  # fmt: skip
+        print(f"mean speed     {summary['mean_speed_m_s']:.4g} m/s over {summary['distance_m']:.4g} m of measured way")
+        print("uncertainty of the last frame's speed, by origin:")
+        print("\n".join(f"  {line}" for line in budget.splitlines()))
+    print(f"table  {summary['csv']}")
+    if summary["plot"]:
+        print(f"plot   {summary['plot']}")

@@ -1,0 +1,341 @@
+"""The estimator: frames in, velocities out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._rotation import rotation_matrix
+from ..camera.model import Camera
+from ..errors import DTypeError, OptionError, ShapeError
+from . import plane
+from .ground_flow import GroundFlow, centers, follow, overlap
+from .result import Velocity, VelocityStatus, unmeasured
+
+__all__ = ["VelocityEstimator"]
+
+F64 = NDArray[np.float64]
+
+
+class VelocityEstimator:
+    """Velocity of a camera over flat ground, frame by frame.
+
+    Points of the ground are followed from frame to frame, freed from distortion, turned by the measured rate, each by
+    itself, and a plane's motion (`vx`, `vy`, and `vz` and yaw as far as the data demand them) is fitted to all of them
+    at once, weighted by their covariances and robust against what moves by itself. It is the report's equations 2.10
+    and 2.11 with the y row mended, with principal point, distortion, attitude and rotation.
+
+    Without `rate_rad_s` a camera that rolls or pitches looks like one that moves: give the rate, or keep it level.
+
+    Parameters
+    ----------
+    camera : Camera
+        For pictures of the size that `update` gets; see `Camera.scaled` and `Camera.cropped`. Where it knows the
+        deviations of its parameters (`Camera.std`), they enter the covariance.
+    height_m : float, optional
+        Perpendicular distance from the ground plane, where it is constant.
+    height_std_m : float
+        Standard deviation of the heights or ranges.
+    R_body_from_camera : (3, 3) array_like
+        Rotation from the camera's axes to the body's.
+    lever_arm_m : (3,) array_like
+        Position of the camera in the body frame; only `Velocity.origin_velocity_m_s` depends on it.
+
+    Raises
+    ------
+    OptionError
+        If a height is not above 0, a deviation below 0, or the matrix not a rotation.
+
+    Examples
+    --------
+    >>> from rsflow import Camera, VelocityEstimator, synthetic
+    >>> flight = synthetic.flight(frames=2, height_m=0.2, velocity_m_s=(0.02, 0.01, 0.0), seed=1)
+    >>> estimator = VelocityEstimator(flight.camera, height_m=0.2)
+    >>> estimator.update(flight.images[0], flight.t_s[0]).status.name
+    'FIRST_FRAME'
+    >>> v = estimator.update(flight.images[1], flight.t_s[1])
+    >>> v.valid, bool(abs(v.vx_m_s - 0.02) < 4e-4), bool(abs(v.vy_m_s - 0.01) < 4e-4)
+    (True, True, True)
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        *,
+        height_m: float | None = None,
+        height_std_m: float = 0.0,
+        R_body_from_camera: ArrayLike | None = None,
+        lever_arm_m: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        if not isinstance(camera, Camera):
+            raise DTypeError(f"VelocityEstimator: camera is {type(camera).__name__}, expected rsflow.Camera")
+        self.camera = camera
+        self.height_m = None if height_m is None else _positive("height_m", height_m)
+        self.height_std_m = float(height_std_m)
+        if not (np.isfinite(self.height_std_m) and self.height_std_m >= 0):
+            raise OptionError(f"VelocityEstimator: height_std_m is {height_std_m!r}, expected a length of 0 or more")
+        turn = np.eye(3) if R_body_from_camera is None else np.asarray(R_body_from_camera, dtype=np.float64)
+        if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
+            raise OptionError(
+                f"VelocityEstimator: R_body_from_camera is {turn.tolist()}, expected a (3, 3) rotation: "
+                "orthonormal rows, determinant 1"
+            )
+        self.R_body_from_camera = turn
+        self.lever_arm_m = _vector("lever_arm_m", lever_arm_m)
+        self._prev: NDArray[Any] | None = None
+        self._prev_t_s = np.nan
+
+    def reset(self) -> None:
+        """Forget the frame before: the next one is a first frame."""
+        self._prev = None
+        self._prev_t_s = np.nan
+
+    def update(
+        self,
+        image: NDArray[Any],
+        t_s: float,
+        *,
+        height_m: float | None = None,
+        range_m: float | None = None,
+        rate_rad_s: ArrayLike | None = None,
+        down: ArrayLike | None = None,
+    ) -> Velocity:
+        """Take the next frame and measure the velocity since the one before.
+
+        Parameters
+        ----------
+        image : (height, width) uint8, uint16 or float32
+            Grey picture of the camera's size.
+        t_s : float
+            Its time in seconds.
+        height_m : float, optional
+            Perpendicular distance from the ground plane at this frame; NaN where it is not known.
+        range_m : float, optional
+            Instead of a height: the distance to the ground along the optical axis.
+        rate_rad_s : (3,) array_like, optional
+            Mean angular rate of the body since the previous frame, right-handed, in the body frame.
+        down : (3,) array_like, optional
+            Straight down in the body frame at this frame, of any length; by default the optical axis: level ground.
+
+        Returns
+        -------
+        Velocity
+
+        Raises
+        ------
+        OptionError
+            If `t_s` is not finite, a height is not above 0, height and range are both given, or a vector is wrong.
+        ShapeError, DTypeError
+            If the image does not have the camera's size, is not grey or of another type.
+        """
+        self._check_image(image)
+        if not np.isfinite(t_s):
+            raise OptionError(
+                f"VelocityEstimator: t_s is {t_s}, expected a time in seconds; pictures of a folder carry no times: "
+                "give their rate (rsflow.frames(..., frame_rate=30), or --rate 30 on the command line)"
+            )
+        if height_m is not None and range_m is not None:
+            raise OptionError("VelocityEstimator: height_m and range_m are both given, expected one of them")
+        straight = _vector("down", (0.0, 0.0, 1.0) @ self.R_body_from_camera.T if down is None else down)
+        length = float(np.linalg.norm(straight))
+        if length == 0.0:
+            raise OptionError("VelocityEstimator: down is (0, 0, 0), expected a direction")
+        rate = None if rate_rad_s is None else _vector("rate_rad_s", rate_rad_s)
+        down_camera = self.R_body_from_camera.T @ straight / length
+        height, height_std = self._height(height_m, range_m, float(down_camera[2]))
+
+        prev, before = self._prev, self._prev_t_s
+        self._prev, self._prev_t_s = np.array(image, copy=True), float(t_s)
+        if prev is None:
+            return unmeasured(VelocityStatus.FIRST_FRAME, float(t_s), np.nan)
+        dt = float(t_s) - before
+        if not dt > 0:
+            return unmeasured(VelocityStatus.TIME_NOT_INCREASING, float(t_s), dt)
+        interval = plane.Interval(
+            turn=np.zeros(3) if rate is None else self.R_body_from_camera.T @ rate * dt,
+            down=down_camera,
+            height_m=height,
+            dt_s=dt,
+            yaw_free=rate is None,
+        )
+        return self._measure(prev, self._prev, float(t_s), interval, height_std, rate)
+
+    def _check_image(self, image: Any) -> None:
+        if not isinstance(image, np.ndarray):
+            raise DTypeError(f"VelocityEstimator: image is {type(image).__name__}, expected a numpy array")
+        if image.ndim != 2:
+            raise ShapeError(
+                f"VelocityEstimator: image has shape {image.shape}, expected (height, width); "
+                "turn colour into grey with cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)"
+            )
+        if image.dtype not in (np.uint8, np.uint16, np.float32):
+            raise DTypeError(f"VelocityEstimator: image is {image.dtype}, expected uint8, uint16 or float32")
+        height, width = image.shape
+        if (width, height) != self.camera.size:
+            raise ShapeError(
+                f"VelocityEstimator: image is {width} x {height} pixels, the camera {self.camera.width} x "
+                f"{self.camera.height}; use camera.scaled({width}, {height}) or camera.cropped(...)"
+            )
+
+    def _height(self, height_m: float | None, range_m: float | None, cosine: float) -> tuple[float, float]:
+        """Height and its deviation; NaN where none is known for this frame."""
+        if range_m is not None:
+            measured = np.nan if np.isnan(range_m) else _positive("range_m", range_m)
+            return measured * cosine, self.height_std_m * abs(cosine)
+        if height_m is None:
+            return (np.nan if self.height_m is None else self.height_m), self.height_std_m
+        return (np.nan if np.isnan(height_m) else _positive("height_m", height_m)), self.height_std_m
+
+    def _measure(
+        self,
+        prev: NDArray[Any],
+        image: NDArray[Any],
+        t_s: float,
+        interval: plane.Interval,
+        height_std: float,
+        rate: F64 | None,
+    ) -> Velocity:
+        def turned(pixels: F64) -> F64:
+            rays = self.camera.undistort_points(pixels, normalized=True).astype(np.float64)
+            by = rotation_matrix(-interval.turn)
+            return np.asarray(self.camera.distort_points(plane.turned(rays, by), normalized=True), dtype=np.float64)
+
+        flow = follow(prev, image, turned if interval.turn.any() else None)
+        if flow.offered < _LEAST_POINTS:
+            status = VelocityStatus.NO_TEXTURE if flow.related else VelocityStatus.SCENE_CUT
+            return unmeasured(status, t_s, interval.dt_s)
+        if len(flow.after) < max(_LEAST_POINTS, 0.1 * flow.offered):
+            status = VelocityStatus.TOO_FEW_POINTS if flow.related else VelocityStatus.SCENE_CUT
+            return unmeasured(status, t_s, interval.dt_s)
+        moved = np.median(flow.after - flow.before, axis=0)
+        if not np.isfinite(interval.height_m):
+            return unmeasured(VelocityStatus.NO_HEIGHT, t_s, interval.dt_s, moved, len(flow.after))
+
+        rays = self._rays(flow)
+        seen = np.isfinite(rays).all(axis=(0, 2))
+        ground = seen & plane.in_view(rays[1], interval)
+        if interval.height_m <= 0 or 2 * ground.sum() < seen.sum() or ground.sum() < _LEAST_POINTS:
+            return unmeasured(VelocityStatus.NO_GROUND, t_s, interval.dt_s, moved)
+        flow = flow.only(ground)
+        spread = self._in_rays(flow.after, flow.covariance)
+        shared = overlap(flow.before, flow.window)
+        before, after = self._rays(flow)
+        fit = plane.fit(before, after, spread, interval, overlap=shared)
+        if fit is not None and (len(fit.terms) > 2 or interval.turn.any()):
+            # The windows grow or turn: their displacement is that of a place off their middle.
+            before, after = self._rays(flow.moved(centers(prev, flow.before, flow.window)))
+            fit = plane.fit(before, after, spread, interval, overlap=shared)
+        if fit is None:
+            return unmeasured(VelocityStatus.TOO_FEW_POINTS, t_s, interval.dt_s, moved)
+        if fit.inliers.sum() < max(_LEAST_POINTS, 0.5 * len(flow.after)):
+            status = VelocityStatus.INCONSISTENT if flow.related else VelocityStatus.SCENE_CUT
+            return unmeasured(status, t_s, interval.dt_s, moved)
+        parts = {"displacement": fit.covariance, **self._parts(before, after, spread, interval, fit, height_std)}
+        R = self.R_body_from_camera
+        # An infinite variance of Vz must stay infinite, and must not make NaN of the others, under the rotation.
+        parts = {name: _rotated(R, part) for name, part in parts.items()}
+        known = np.where(np.isfinite(fit.velocity), fit.velocity, 0.0)
+        velocity = R @ known
+        velocity[np.isinf(np.diag(parts["displacement"]))] = np.nan
+        arm = np.cross(np.full(3, np.nan) if rate is None else rate, self.lever_arm_m)
+        moved = np.median((flow.after - flow.before)[fit.inliers], axis=0)
+        return Velocity(
+            t_s=t_s,
+            dt_s=interval.dt_s,
+            vx_m_s=float(velocity[0]),
+            vy_m_s=float(velocity[1]),
+            vz_m_s=float(velocity[2]),
+            covariance=np.asarray(sum(parts.values()), dtype=np.float64),
+            status=VelocityStatus.OK,
+            n_points=int(fit.inliers.sum()),
+            dx_px=float(moved[0]),
+            dy_px=float(moved[1]),
+            terms=fit.terms,
+            yaw_rate_rad_s=fit.yaw_rad / interval.dt_s if interval.yaw_free else np.nan,
+            origin_velocity_m_s=velocity - (arm if self.lever_arm_m.any() else 0.0),
+            parts=parts,
+        )
+
+    def _rays(self, flow: GroundFlow) -> F64:
+        """Undistorted normalised coordinates in both frames, (2, N, 2)."""
+        return np.stack([self.camera.undistort_points(p, normalized=True) for p in (flow.before, flow.after)]).astype(
+            np.float64
+        )
+
+    def _in_rays(self, pixels: F64, covariance: F64) -> F64:
+        """Covariances (N, 2, 2) in pixels as covariances in normalised coordinates."""
+        step = 0.5
+        columns = []
+        for axis in (0, 1):
+            offset = np.zeros(2)
+            offset[axis] = step
+            ahead, back = (self.camera.undistort_points(pixels + s * offset, normalized=True) for s in (1.0, -1.0))
+            columns.append((ahead - back) / (2 * step))
+        jacobian = np.stack(columns, axis=2)
+        plain = np.broadcast_to(np.diag([1.0 / self.camera.fx, 1.0 / self.camera.fy]), jacobian.shape)
+        jacobian = np.where(np.isfinite(jacobian).all(axis=(1, 2), keepdims=True), jacobian, plain)
+        return np.asarray(jacobian @ covariance @ jacobian.transpose(0, 2, 1), dtype=np.float64)
+
+    def _parts(
+        self, before: F64, after: F64, spread: F64, interval: plane.Interval, fit: plane.PlaneFit, height_std: float
+    ) -> dict[str, F64]:
+        """Add up what height, focal length and principal point give to the covariance, in the camera's axes."""
+        known = np.where(np.isfinite(fit.velocity), fit.velocity, 0.0)
+        # Every velocity is proportional to the height.
+        parts = {"height": np.outer(known, known) * (height_std / interval.height_m) ** 2}
+        camera, std = self.camera, self.camera.std
+        for title, names in (("focal length", ("fx", "fy")), ("principal point", ("cx", "cy"))):
+            total = np.zeros((3, 3))
+            for axis, name in enumerate(names):
+                deviation = float(std.get(name, 0.0))
+                if deviation == 0.0:
+                    continue
+                changed = []
+                for rays in (before, after):
+                    other = rays.copy()
+                    if title == "focal length":
+                        other[:, axis] *= getattr(camera, name) / (getattr(camera, name) + deviation)
+                    else:
+                        other[:, axis] -= deviation / (camera.fx, camera.fy)[axis]
+                    changed.append(other)
+                here = plane.speeds(before, after, spread, interval, fit.terms, fit.weights)
+                there = plane.speeds(changed[0], changed[1], spread, interval, fit.terms, fit.weights)
+                if here is not None and there is not None:
+                    change = np.nan_to_num(there - here)
+                    total += np.outer(change, change)
+            parts[title] = total
+        return parts
+
+
+# The fewest points that a velocity is fitted to: twice the unknowns of the largest model, and a few to judge it by.
+_LEAST_POINTS = 6
+
+
+def _rotated(R: F64, covariance: F64) -> F64:
+    """R C R' where a variance of C may be infinite: what it reaches under R is infinite, the rest is not touched."""
+    unknown = np.isinf(np.diag(covariance))
+    if not unknown.any():
+        return np.asarray(R @ covariance @ R.T, dtype=np.float64)
+    finite = np.where(np.isfinite(covariance), covariance, 0.0)
+    finite[unknown, :] = finite[:, unknown] = 0.0
+    result = np.asarray(R @ finite @ R.T, dtype=np.float64)
+    for axis in np.flatnonzero((np.abs(R[:, unknown]) > 1e-9).any(axis=1)):
+        result[axis, :] = result[:, axis] = 0.0
+        result[axis, axis] = np.inf
+    return result
+
+
+def _positive(name: str, value: float) -> float:
+    number = float(value)
+    if not (np.isfinite(number) and number > 0):
+        raise OptionError(f"VelocityEstimator: {name} is {value!r}, expected a length in metres above 0")
+    return number
+
+
+def _vector(name: str, value: ArrayLike) -> F64:
+    vector = np.asarray(value, dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise OptionError(f"VelocityEstimator: {name} is {vector.tolist()}, expected three finite numbers")
+    return vector

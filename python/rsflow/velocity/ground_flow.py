@@ -1,0 +1,145 @@
+"""Points of the ground followed from one frame to the next, as the velocity needs them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..shift import estimate_shift
+from ..tracking import detect_corners, track_points
+
+F64 = NDArray[np.float64]
+
+# The seed for large motion is found on pictures of at most this width: finer ones only cost time.
+_SEED_WIDTH = 320
+# Deviation in pixels that a point's covariance is raised by: sampling, quantisation and the shape of the pixel leave
+# errors of this size that the residual of a window does not show.
+_FLOOR_PX = 0.004
+
+
+@dataclass(frozen=True)
+class GroundFlow:
+    """Points that were followed, in pixels, with the covariance (N, 2, 2) of their displacement.
+
+    `offered` counts the points that were looked for and should be inside the second picture; `related` says whether
+    the whole pictures could be laid over each other.
+    """
+
+    before: F64
+    after: F64
+    covariance: F64
+    window: int
+    offered: int
+    related: bool
+
+    def only(self, which: NDArray[np.bool_]) -> GroundFlow:
+        """Keep the points where `which` is True."""
+        return replace(self, before=self.before[which], after=self.after[which], covariance=self.covariance[which])
+
+    def moved(self, to: F64) -> GroundFlow:
+        """Put the same displacements at other places of the first frame."""
+        return replace(self, before=to, after=to + (self.after - self.before))
+
+
+def window_for(shape: tuple[int, ...]) -> int:
+    """Side of the windows: 21 pixels, less in pictures that hold only a few of these."""
+    return int(np.clip((min(shape) // 5) | 1, 9, 21))
+
+
+def follow(prev: NDArray[Any], after: NDArray[Any], turned: Any) -> GroundFlow:
+    """Find points in `prev` and follow them into `after`.
+
+    Parameters
+    ----------
+    prev, after : (height, width)
+        Frames of one size.
+    turned : callable or None
+        Takes pixels (N, 2) of `prev` and gives where the known rotation alone puts them; None without a rotation.
+    """
+    window = window_for(prev.shape)
+    corners = detect_corners(prev, max_corners=400, quality=0.002, min_distance=max(6, window // 2))
+    points = np.asarray(corners, dtype=np.float64)
+    if len(points) == 0:
+        return GroundFlow(points, points, np.zeros((0, 2, 2)), window, 0, True)
+    seed, related = _seed(prev, after)
+    start = points + seed
+    if turned is not None:
+        middle = 0.5 * (np.array(prev.shape[::-1], dtype=np.float64) - 1.0)
+        own = turned(points) - points
+        start += np.nan_to_num(own - (turned(middle[None, :]) - middle))
+    height, width = prev.shape
+    expected = ((start >= 0) & (start <= (width - 1, height - 1))).all(axis=1)
+    points, start = points[expected], start[expected]
+    if len(points) == 0:
+        return GroundFlow(points, points, np.zeros((0, 2, 2)), window, 0, related)
+    tracks = track_points(prev, after, points.astype(np.float32), window_size=window, initial=start.astype(np.float32))
+    good = np.asarray(tracks.valid)
+    covariance = np.asarray(tracks.covariance, dtype=np.float64)[good] + _FLOOR_PX**2 * np.eye(2)
+    before = points[good].astype(np.float32).astype(np.float64)
+    return GroundFlow(
+        before, np.asarray(tracks.points, dtype=np.float64)[good], covariance, window, int(expected.sum()), related
+    )
+
+
+def _seed(prev: NDArray[Any], after: NDArray[Any]) -> tuple[F64, bool]:
+    """Where the picture went as a whole, in pixels, and whether there is such a thing."""
+    height, width = prev.shape
+    factor = max(1.0, width / _SEED_WIDTH)
+    if factor > 1.0:
+        import cv2
+
+        size = (round(width / factor), max(1, round(height / factor)))
+        prev, after = (cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in (prev, after))
+    shift = estimate_shift(prev, after)
+    if not shift.valid:
+        return np.zeros(2), False
+    scale = np.array([width / prev.shape[1], height / prev.shape[0]])
+    return np.array([shift.dx, shift.dy]) * scale, True
+
+
+def overlap(points: F64, window: int) -> F64:
+    """Share of the window's pixels that each pair of points has in common, (N, N)."""
+    apart = np.abs(points[:, None, :] - points[None, :, :]) / window
+    return np.asarray(np.prod(np.clip(1.0 - apart, 0.0, None), axis=2), dtype=np.float64)
+
+
+def centers(frame: NDArray[Any], points: F64, window: int) -> F64:
+    """Where in its window each point's displacement was really measured, (N, 2), in pixels of the frame.
+
+    A window that grows or turns between the frames does not have one displacement. The least squares of Lucas and
+    Kanade then give the one at a mean of its pixels, weighted by the gradients after gain and offset were taken out of
+    them: with g these gradients, (sum g g')^-1 sum g g' x for a growth. It can lie several pixels off the middle.
+    """
+    height, width = frame.shape
+    half = window // 2
+    steps = np.arange(-half, half + 1)
+    column = np.clip(np.rint(points[:, 0]).astype(int)[:, None] + steps, 1, width - 2)
+    row = np.clip(np.rint(points[:, 1]).astype(int)[:, None] + steps, 1, height - 2)
+    image = frame.astype(np.float32)
+    gradients = np.stack([0.5 * (image[:, 2:] - image[:, :-2])[1:-1], 0.5 * (image[2:] - image[:-2])[:, 1:-1]])
+    at = (row[:, :, None] - 1, column[:, None, :] - 1)
+    count = window * window
+    g = gradients[:, *at].reshape(2, len(points), count)
+    level = image[1:-1, 1:-1][at].reshape(len(points), count)
+    free = g - g.mean(axis=2, keepdims=True)
+    level = level - level.mean(axis=1, keepdims=True)
+    share = np.einsum("knp,np->kn", free, level) / np.maximum(np.einsum("np,np->n", level, level), 1e-6)
+    free = free - share[:, :, None] * level
+    x = np.stack(
+        [
+            np.broadcast_to((column[:, None, :] - points[:, 0, None, None]), (len(points), window, window)),
+            np.broadcast_to((row[:, :, None] - points[:, 1, None, None]), (len(points), window, window)),
+        ]
+    )
+    x = x.reshape(2, len(points), count).astype(np.float32)
+    structure = np.einsum("inp,jnp->nij", free, g).astype(np.float64)
+    moment = np.einsum("inp,jnp,jnp->ni", free, g, x).astype(np.float64)
+    determinant = np.linalg.det(structure)
+    safe = determinant > 1e-6 * np.maximum(np.trace(structure, axis1=1, axis2=2) ** 2, 1e-12)
+    offset = np.zeros((len(points), 2))
+    offset[safe] = np.linalg.solve(structure[safe], moment[safe][:, :, None])[:, :, 0]
+    # A mean of the window's pixels cannot lie outside of it; weights that are not positive could say so.
+    return np.asarray(points + np.clip(offset, -half, half), dtype=np.float64)

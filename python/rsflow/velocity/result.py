@@ -1,0 +1,136 @@
+"""What a velocity is, what it is worth, and why there is none."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Velocity", "VelocityStatus", "unmeasured"]
+
+F64 = NDArray[np.float64]
+
+
+class VelocityStatus(enum.IntEnum):
+    """What became of a frame: `OK`, or why there is no velocity."""
+
+    OK = 0
+    FIRST_FRAME = 1
+    """There is no frame before this one."""
+    TIME_NOT_INCREASING = 2
+    """The frame is not later than the one before."""
+    NO_TEXTURE = 3
+    """There is nothing in the picture that could be followed."""
+    SCENE_CUT = 4
+    """The picture has nothing to do with the one before."""
+    TOO_FEW_POINTS = 5
+    """Too few points could be followed to fit a velocity and to judge it."""
+    INCONSISTENT = 6
+    """Fewer than half of the points move as one plane does."""
+    NO_HEIGHT = 7
+    """The flow was measured, but no height above the ground is known for this frame."""
+    NO_GROUND = 8
+    """The camera does not look at the ground, or less than 10 degrees below its horizon."""
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """Velocity of the camera over the ground in one interval, in the body frame half-way through.
+
+    Attributes
+    ----------
+    t_s : float
+        Time of the second frame.
+    dt_s : float
+        Time since the frame before; NaN for the first one.
+    vx_m_s, vy_m_s, vz_m_s : float
+        Mean velocity of the camera since the frame before, in the axes of the body (of the camera by default: x right,
+        y down the picture, z along the optical axis); NaN where it could not be measured. A camera that moves to its
+        right has vx > 0 while the picture flows to -x; one that goes down has vz > 0.
+    covariance : (3, 3) float64
+        Of (vx, vy, vz), in m^2/s^2; infinite where not measured.
+    status : VelocityStatus
+    n_points : int
+        Points of the ground that agree with the velocity.
+    dx_px, dy_px : float
+        Median displacement of these points in the picture, in pixels.
+    terms : tuple of str
+        Unknowns that the data demanded: "vx" and "vy", and "vz" and "yaw" where they differ from zero by more than
+        three standard deviations. Without "vz" in it, vx and vy were fitted for level flight, and vz, which is then
+        the estimate of the model with it, does not differ from zero.
+    yaw_rate_rad_s : float
+        Turn about straight down that was fitted; 0 where not demanded, NaN where the rate was given or nothing fitted.
+    origin_velocity_m_s : (3,) float64
+        Velocity of the body's origin: the camera's, less what the body's rate makes of the lever arm. NaN where that
+        needs a rate which was not given.
+    parts : mapping of str to (3, 3) float64
+        What `covariance` is the sum of: "displacement", "height", "focal length", "principal point".
+    """
+
+    t_s: float
+    dt_s: float
+    vx_m_s: float
+    vy_m_s: float
+    vz_m_s: float
+    covariance: F64
+    status: VelocityStatus
+    n_points: int
+    dx_px: float
+    dy_px: float
+    terms: tuple[str, ...] = ()
+    yaw_rate_rad_s: float = np.nan
+    origin_velocity_m_s: F64 = field(default_factory=lambda: np.full(3, np.nan))
+    parts: Mapping[str, F64] = field(default_factory=dict, repr=False)
+
+    @property
+    def valid(self) -> bool:
+        """Whether there is a velocity: the status is `OK`."""
+        return self.status is VelocityStatus.OK
+
+    @property
+    def flow_px(self) -> float:
+        """Length of the median displacement in pixels: the report's "optical flow"."""
+        return float(np.hypot(self.dx_px, self.dy_px))
+
+    def budget(self, *, dt_std_s: float = 0.0) -> str:
+        """Where the uncertainty of the speed over ground comes from, in per cent of it, a line a part.
+
+        Parameters
+        ----------
+        dt_std_s : float
+            Standard deviation of the time between the frames, for one line more.
+
+        Examples
+        --------
+        >>> v = Velocity(1.0, 0.1, 3.0, 4.0, 0.0, np.eye(3) * 0.01, VelocityStatus.OK, 90, 5.0, 5.0,
+        ...              parts={"displacement": np.eye(3) * 0.0025, "height": np.eye(3) * 0.0075})
+        >>> print(v.budget())
+        speed           5 m/s
+        displacement    1.00 %
+        height          1.73 %
+        total           2.00 %
+        """
+        if not self.valid:
+            return f"no velocity: {self.status.name.lower().replace('_', ' ')}"
+        flat = np.array([self.vx_m_s, self.vy_m_s])
+        speed = float(np.hypot(*flat))
+        if speed == 0.0:
+            return f"speed           0 m/s, +- {float(np.sqrt(np.trace(self.covariance[:2, :2]) / 2)):.3g} m/s each way"
+        along = flat / speed
+        variance = {name: float(along @ part[:2, :2] @ along) / speed**2 for name, part in self.parts.items()}
+        if dt_std_s:
+            variance["time"] = (dt_std_s / self.dt_s) ** 2
+        lines = [f"{'speed':<16}{speed:.4g} m/s"]
+        lines += [f"{name:<16}{100 * np.sqrt(value):.2f} %" for name, value in variance.items() if value > 0]
+        return "\n".join([*lines, f"{'total':<16}{100 * np.sqrt(sum(variance.values())):.2f} %"])
+
+
+def unmeasured(
+    status: VelocityStatus, t_s: float, dt_s: float, moved: F64 | None = None, n_points: int = 0
+) -> Velocity:
+    """Make the result of a frame without a velocity: NaN and infinite covariance."""
+    dx, dy = (np.nan, np.nan) if moved is None else (float(moved[0]), float(moved[1]))
+    return Velocity(t_s, dt_s, np.nan, np.nan, np.nan, np.diag(np.full(3, np.inf)), status, n_points, dx, dy)

@@ -1,0 +1,201 @@
+"""Velocities in files: heights read per frame, a table, a plot."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._files import writing
+from ..errors import FormatError, OptionError
+from .result import Velocity
+
+__all__ = ["COLUMNS", "Heights", "plot_velocity", "velocity_row", "write_velocity_csv"]
+
+COLUMNS: tuple[str, ...] = (
+    "frame",
+    "t_s",
+    "dt_s",
+    "vx_m_s",
+    "vy_m_s",
+    "vz_m_s",
+    "vx_std_m_s",
+    "vy_std_m_s",
+    "vz_std_m_s",
+    "height_m",
+    "dx_px",
+    "dy_px",
+    "n_points",
+    "status",
+)
+
+
+@dataclass(frozen=True)
+class Heights:
+    """Heights over the ground by time or by frame, as a CSV file has them.
+
+    Attributes
+    ----------
+    by : {"t_s", "frame"}
+        What `keys` are.
+    keys : (N,) float64
+        Increasing.
+    height_m : (N,) float64
+        NaN where the file has none.
+    """
+
+    by: str
+    keys: NDArray[np.float64]
+    height_m: NDArray[np.float64]
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Heights:
+        """Read a CSV with a column ``height_m`` and a column ``t_s`` or ``frame``.
+
+        Raises
+        ------
+        FormatError
+            If a column is missing, a value is no number, keys do not increase, a height is not above 0, or there is
+            no row; the message names file and line.
+        OSError
+            If the file cannot be read.
+        """
+        path = Path(path)
+        try:
+            with path.open(newline="", encoding="utf-8-sig") as file:
+                rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise FormatError(f"{path}: not a CSV text file ({error})") from None
+        names = [cell.strip() for cell in rows[0]] if rows else []
+        by = next((name for name in ("t_s", "frame") if name in names), None)
+        if by is None or "height_m" not in names:
+            raise FormatError(
+                f"{path}: the first line has the columns {', '.join(names) or 'none'}, "
+                "expected height_m and one of t_s, frame"
+            )
+        places = [names.index(by), names.index("height_m")]
+        values = np.full((len(rows) - 1, 2), np.nan)
+        for number, row in enumerate(rows[1:]):
+            for column, place in enumerate(places):
+                text = row[place].strip() if place < len(row) else ""
+                try:
+                    values[number, column] = float(text) if text or column == 0 else np.nan
+                except ValueError:
+                    name = (by, "height_m")[column]
+                    raise FormatError(f"{path}: row {number + 2}: {name} is {text!r}, expected a number") from None
+        if len(values) == 0:
+            raise FormatError(f"{path}: no row after the header, expected heights")
+        keys, heights = values.T
+        wrong = ~np.isfinite(keys) | (np.concatenate([[False], np.diff(keys) <= 0]))
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            raise FormatError(f"{path}: row {at + 2}: {by} is {keys[at]:g}, expected each later than the one before")
+        wrong = (heights <= 0) | np.isinf(heights)
+        if wrong.any():
+            at = int(np.argmax(wrong))
+            raise FormatError(f"{path}: row {at + 2}: height_m is {heights[at]:g}, expected metres above 0")
+        return cls(by, keys, heights)
+
+    def at(self, *, frame: int, t_s: float) -> float:
+        """Height for a frame: the row of its number, or between the times before and after it; NaN outside."""
+        if self.by == "t_s":
+            return float(np.interp(t_s, self.keys, self.height_m, left=np.nan, right=np.nan))
+        place = int(np.searchsorted(self.keys, frame))
+        return float(self.height_m[place]) if place < len(self.keys) and self.keys[place] == frame else np.nan
+
+
+def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str, Any]:
+    """Give the row of the table for one frame: numbers by the names of `COLUMNS`, the status as a word."""
+    std = np.sqrt(np.diag(velocity.covariance))
+    return {
+        "frame": frame,
+        "t_s": velocity.t_s,
+        "dt_s": velocity.dt_s,
+        "vx_m_s": velocity.vx_m_s,
+        "vy_m_s": velocity.vy_m_s,
+        "vz_m_s": velocity.vz_m_s,
+        "vx_std_m_s": float(std[0]),
+        "vy_std_m_s": float(std[1]),
+        "vz_std_m_s": float(std[2]),
+        "height_m": height_m,
+        "dx_px": velocity.dx_px,
+        "dy_px": velocity.dy_px,
+        "n_points": velocity.n_points,
+        "status": velocity.status.name.lower(),
+    }
+
+
+def write_velocity_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
+    """Write rows of `velocity_row` as CSV, numbers with 9 digits, ``nan`` and ``inf`` by name.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; one of that name stays as it was.
+    """
+    with writing(path) as partial, partial.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(COLUMNS) + "\n")
+        for row in rows:
+            file.write(",".join(_cell(row[name]) for name in COLUMNS) + "\n")
+
+
+def _cell(value: object) -> str:
+    return f"{value + 0.0:.9g}" if isinstance(value, float) else str(value)
+
+
+def plot_velocity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], *, title: str = "") -> None:
+    """Draw the velocity over time with two standard deviations, and the speed over ground.
+
+    Parameters
+    ----------
+    path : path
+        PNG, SVG or PDF, by its suffix.
+    rows : sequence of dict
+        From `velocity_row`.
+    title : str
+        Above the plot.
+
+    Raises
+    ------
+    MissingExtraError
+        If matplotlib is not installed.
+    OptionError
+        If there are no rows.
+    """
+    from .._extras import require
+
+    if not rows:
+        raise OptionError("plot_velocity: rows is empty, expected a row for each frame")
+    figure_module = require("matplotlib.figure", extra="plot", purpose="drawing the velocity")
+    figure = figure_module.Figure(figsize=(9.0, 6.0), layout="constrained")
+    axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    t = np.array([row["t_s"] for row in rows])
+    for name, color in (("vx", "C0"), ("vy", "C1"), ("vz", "C2")):
+        v = np.array([row[f"{name}_m_s"] for row in rows])
+        std = np.array([row[f"{name}_std_m_s"] for row in rows])
+        std = np.where(np.isfinite(std), std, np.nan)
+        axes.plot(t, v, color=color, linewidth=1.2, marker=".", markersize=3, label=name)
+        axes.fill_between(t, v - 2 * std, v + 2 * std, color=color, alpha=0.2, linewidth=0)
+    axes.axhline(0.0, color="0.7", linewidth=0.8, zorder=0)
+    axes.set_ylabel("velocity of the camera (m/s)")
+    axes.legend(loc="upper right", ncols=3, title="band: 2 standard deviations", fontsize="small")
+    if title:
+        axes.set_title(title)
+    speed = np.hypot([row["vx_m_s"] for row in rows], [row["vy_m_s"] for row in rows])
+    below.plot(t, speed, color="0.2", linewidth=1.2, marker=".", markersize=3)
+    blind = np.array([not np.isfinite(value) for value in speed])
+    blind[0] = False
+    if blind.any():
+        below.plot(t[blind], np.zeros(int(blind.sum())), "x", color="C3", markersize=5, label="not measured")
+        below.legend(loc="upper right", fontsize="small")
+    below.set_ylim(bottom=0.0)
+    below.set_ylabel("speed over ground (m/s)")
+    below.set_xlabel("time (s)")
+    with writing(path) as partial:
+        figure.savefig(partial, dpi=120)

@@ -1,0 +1,394 @@
+"""Velocity against flights with exact truth: accuracy, covariance, statuses, conventions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rsflow import Camera, DTypeError, OptionError, ShapeError, Velocity, VelocityEstimator, VelocityStatus
+from rsflow._rotation import rotation_matrix
+from rsflow.synthetic import Flight, MovingObject, Sensor, auto_exposure, flight, flight_with_object, ramp
+from rsflow.velocity import plane
+
+WIDE = Camera(150.0, 152.0, 80.0, 60.0, width=160, height=120, distortion=(-0.25, 0.12, 0.001, -0.0005, 0.01))
+QUIET = Sensor(noise=0.5)
+
+
+def velocities(f: Flight, **options: object) -> list[Velocity]:
+    """All but the first frame's velocity; `rate`, `down`, `height` say what truth is handed over."""
+    give = {name: options.pop(name, False) for name in ("rate", "down", "height")}
+    constant = {} if give["height"] else {"height_m": float(f.height_m[0])}
+    estimator = VelocityEstimator(f.camera, **{**constant, **options})  # type: ignore[arg-type]
+    found = []
+    for k, frame in enumerate(f):
+        known: dict[str, object] = {}
+        if give["rate"] and k > 0:
+            known["rate_rad_s"] = f.rate_rad_s[k]
+        if give["down"]:
+            known["down"] = f.down[k]
+        if give["height"]:
+            known["height_m"] = f.height_m[k]
+        found.append(estimator.update(frame.image, frame.t_s, **known))  # type: ignore[arg-type]
+    assert found[0].status is VelocityStatus.FIRST_FRAME
+    return found[1:]
+
+
+def vector(v: Velocity) -> np.ndarray:
+    return np.array([v.vx_m_s, v.vy_m_s, v.vz_m_s])
+
+
+def errors(f: Flight, found: list[Velocity]) -> np.ndarray:
+    assert all(v.valid for v in found), [v.status.name for v in found]
+    return np.array([vector(v) for v in found]) - f.velocity_m_s[1:]
+
+
+# The model, from exact points.
+
+
+def exact_points(f: Flight, count: int = 80) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(5)
+    height, width = f.images[0].shape
+    x, y = rng.integers(10, width - 10, count), rng.integers(10, height - 10, count)
+    before = np.stack([x, y], axis=1).astype(np.float64)
+    return before, before + f.flow(1)[y, x]
+
+
+@pytest.mark.parametrize(
+    ("motion", "yaw_free"),
+    [
+        ({"velocity_m_s": (0.5, -0.2, 0.0)}, False),
+        ({"velocity_m_s": (0.5, -0.2, 0.9)}, True),
+        ({"velocity_m_s": (0.5, -0.2, -1.5), "rate_rad_s": (0.4, -0.3, 1.0), "tilt_rad": (0.2, -0.1)}, False),
+        ({"velocity_m_s": (0.1, 0.3, 0.9), "rate_rad_s": (0.0, 0.0, 3.0)}, True),
+    ],
+)
+def test_model_is_exact_for_large_motion(motion: dict[str, object], yaw_free: bool) -> None:
+    f = flight(WIDE, frames=2, **motion)  # type: ignore[arg-type]
+    before, after = (WIDE.undistort_points(p, normalized=True) for p in exact_points(f))
+    dt = float(f.t_s[1])
+    turn = np.zeros(3) if yaw_free else f.rate_rad_s[1] * dt
+    interval = plane.Interval(turn, f.down[1], float(f.height_m[1]), dt, yaw_free)
+    fit = plane.fit(before, after, np.broadcast_to(np.eye(2) * (0.02 / 150) ** 2, (len(before), 2, 2)), interval)
+    assert fit is not None
+    np.testing.assert_allclose(fit.velocity, f.velocity_m_s[1], atol=2e-6)
+    if yaw_free:
+        assert fit.yaw_rad == pytest.approx(f.rate_rad_s[1, 2] * dt, abs=1e-6)
+
+
+def test_rotation_matrix_is_right_handed() -> None:
+    for vector_ in ([0.0, 0.0, 0.0], [0.1, -0.7, 0.4], [3.0, 0.0, 0.0]):
+        np.testing.assert_allclose(rotation_matrix(vector_), Rotation.from_rotvec(vector_).as_matrix(), atol=1e-14)
+
+
+def test_model_takes_vz_and_yaw_only_as_far_as_the_data_demand() -> None:
+    rng = np.random.default_rng(2)
+    taken = []
+    for motion in ({"velocity_m_s": (0.05, 0.0, 0.0)}, {"velocity_m_s": (0.05, 0.0, 0.2)},
+                   {"velocity_m_s": (0.05, 0.0, 0.0), "rate_rad_s": (0.0, 0.0, 0.5)}):  # fmt: skip
+        f = flight(WIDE, frames=2, **motion)  # type: ignore[arg-type]
+        before, after = exact_points(f)
+        after = after + 0.03 * rng.standard_normal(after.shape)
+        rays = [WIDE.undistort_points(p, normalized=True) for p in (before, after)]
+        interval = plane.Interval(np.zeros(3), f.down[1], float(f.height_m[1]), float(f.t_s[1]), True)
+        fit = plane.fit(*rays, np.broadcast_to(np.eye(2) * (0.03 / 150) ** 2, (80, 2, 2)), interval)
+        assert fit is not None
+        taken.append(fit.terms)
+        # Without "vz" in the model, vz is still an estimate with its deviation, not a zero.
+        assert fit.velocity[2] != 0.0
+        assert abs(fit.velocity[2] - f.velocity_m_s[1, 2]) < 4 * np.sqrt(fit.covariance[2, 2])
+    assert taken == [("vx", "vy"), ("vx", "vy", "vz"), ("vx", "vy", "yaw")]
+
+
+def test_model_survives_forty_percent_of_points_on_a_moving_object() -> None:
+    f = flight(WIDE, frames=2, velocity_m_s=(0.05, -0.02, 0.03))
+    rng = np.random.default_rng(3)
+    before, after = exact_points(f)
+    after = after + 0.02 * rng.standard_normal(after.shape)
+    after[:32] += (2.5, -1.0)
+    rays = [WIDE.undistort_points(p, normalized=True) for p in (before, after)]
+    interval = plane.Interval(np.zeros(3), f.down[1], float(f.height_m[1]), float(f.t_s[1]), True)
+    fit = plane.fit(*rays, np.broadcast_to(np.eye(2) * (0.02 / 150) ** 2, (80, 2, 2)), interval)
+    assert fit is not None
+    assert not fit.inliers[:32].any()
+    assert (np.abs(fit.velocity - f.velocity_m_s[1]) < 4 * np.sqrt(np.diag(fit.covariance))).all()
+
+
+# The estimator, from pictures.
+
+
+@pytest.mark.parametrize(
+    ("velocity", "sign"),
+    [
+        ((0.05, 0.0, 0.0), (-1, 0)),
+        ((-0.05, 0.0, 0.0), (1, 0)),
+        ((0.0, 0.05, 0.0), (0, -1)),
+        ((0.0, -0.05, 0.0), (0, 1)),
+    ],
+)
+def test_sign_camera_to_the_right_picture_to_the_left(velocity: tuple[float, ...], sign: tuple[int, int]) -> None:
+    f = flight(frames=2, velocity_m_s=velocity, sensor=QUIET, seed=1)
+    v = velocities(f)[0]
+    assert np.sign(np.round(vector(v)[:2], 3)).tolist() == np.sign(velocity[:2]).tolist()
+    assert np.sign(np.round([v.dx_px, v.dy_px], 1)).tolist() == list(sign)
+    assert v.flow_px == pytest.approx(0.05 * 180 / 0.2 / 30, rel=0.01)
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 15.0])
+@pytest.mark.parametrize("height", [0.1, 0.2])
+def test_webcam_flight_is_within_one_percent(height: float, rate_hz: float) -> None:
+    f = flight(frames=6, rate_hz=rate_hz, height_m=height, velocity_m_s=(0.1, -0.06, 0.0), exposure_s=0.005,
+               exposure_drift=auto_exposure(0.15, period_s=1.0), seed=2)  # fmt: skip
+    error = errors(f, velocities(f, height_m=height))
+    assert np.linalg.norm(error[:, :2], axis=1).max() < 0.01 * np.hypot(0.1, 0.06)
+
+
+def test_displacement_of_a_third_of_the_picture() -> None:
+    # 0.6 m/s * 180 px / 0.2 m / 10 Hz is 54 px of 176.
+    f = flight(frames=3, rate_hz=10.0, velocity_m_s=(0.6, 0.0, 0.0), sensor=QUIET, seed=3)
+    assert np.abs(errors(f, velocities(f))[:, :2]).max() < 0.002 * 0.6
+
+
+def test_distorted_lens_and_principal_point_off_the_middle() -> None:
+    f = flight(WIDE, frames=4, velocity_m_s=(0.12, 0.08, 0.0), sensor=QUIET, seed=4)
+    assert np.abs(errors(f, velocities(f))[:, :2]).max() < 0.003 * 0.12
+    # Without the lens model the same pictures give a speed that is off by more.
+    plain = Camera(WIDE.fx, WIDE.fy, WIDE.cx, WIDE.cy, width=160, height=120)
+    estimator = VelocityEstimator(plain, height_m=0.2)
+    wrong = [estimator.update(frame.image, frame.t_s) for frame in f][1:]
+    assert np.hypot(wrong[0].vx_m_s - 0.12, wrong[0].vy_m_s - 0.08) > 0.02 * 0.14
+
+
+def test_climb_and_descent_with_a_height_per_frame() -> None:
+    for vz in (0.4, -0.4):
+        f = flight(frames=5, velocity_m_s=(0.05, 0.02, vz), sensor=QUIET, seed=5)
+        error = errors(f, velocities(f, height=True))
+        assert np.abs(error[:, :2]).max() < 0.01 * 0.05
+        assert np.abs(error[:, 2]).max() < 0.02 * 0.4
+
+
+def test_gyro_takes_rotation_off_each_point() -> None:
+    f = flight(WIDE, frames=4, velocity_m_s=(0.1, -0.05, 0.0), rate_rad_s=(0.5, -0.4, 0.8), sensor=QUIET, seed=6)
+    with_rate = errors(f, velocities(f, rate=True, down=True, height=True))
+    assert np.abs(with_rate[:, :2]).max() < 0.01 * 0.1
+    # Without the rate, roll and pitch look like a motion.
+    estimator = VelocityEstimator(f.camera)
+    without = [estimator.update(fr.image, fr.t_s, height_m=h) for fr, h in zip(f, f.height_m, strict=True)][1:]
+    assert np.hypot(without[0].vx_m_s - 0.1, without[0].vy_m_s + 0.05) > 0.05
+
+
+def test_yaw_without_a_gyro_is_found() -> None:
+    f = flight(frames=3, velocity_m_s=(0.1, 0.0, 0.0), rate_rad_s=(0.0, 0.0, 1.0), sensor=QUIET, seed=7)
+    found = velocities(f)
+    assert np.abs(errors(f, found)[:, :2]).max() < 0.01 * 0.1
+    assert all("yaw" in v.terms for v in found)
+    assert found[0].yaw_rate_rad_s == pytest.approx(1.0, abs=0.02)
+
+
+def test_tilt_needs_down() -> None:
+    f = flight(frames=3, velocity_m_s=(0.1, 0.05, 0.02), tilt_rad=(0.25, -0.2), sensor=QUIET, seed=8)
+    error = errors(f, velocities(f, down=True, height=True))
+    assert np.abs(error).max() < 0.02 * 0.1
+
+
+def test_range_along_the_axis_equals_the_height_it_stands_for() -> None:
+    f = flight(frames=2, velocity_m_s=(0.1, 0.05, 0.0), tilt_rad=(0.25, -0.2), sensor=QUIET, seed=8)
+    found = []
+    for key, value in (("height_m", f.height_m), ("range_m", f.height_m / f.down[:, 2])):
+        estimator = VelocityEstimator(f.camera)
+        for k, frame in enumerate(f):
+            v = estimator.update(frame.image, frame.t_s, down=f.down[k], **{key: float(value[k])})
+        found.append(vector(v))
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
+
+
+def test_body_frame_and_lever_arm() -> None:
+    # A camera whose x axis points to the body's y and whose y axis to the body's -x, looking along the body's z.
+    R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    f = flight(frames=2, velocity_m_s=(0.1, 0.04, 0.0), rate_rad_s=(0.0, 0.0, 0.6), sensor=QUIET, seed=9)
+    estimator = VelocityEstimator(f.camera, height_m=0.2, R_body_from_camera=R, lever_arm_m=(0.5, 0.0, 0.0))
+    estimator.update(f.images[0], f.t_s[0])
+    v = estimator.update(f.images[1], f.t_s[1], rate_rad_s=R @ f.rate_rad_s[1])
+    np.testing.assert_allclose(vector(v)[:2], (R @ f.velocity_m_s[1])[:2], atol=1e-3)
+    # A turn of 0.6 rad/s about z moves a camera half a metre ahead by 0.3 m/s along the body's y.
+    np.testing.assert_allclose(v.origin_velocity_m_s - vector(v), (0.0, -0.3, 0.0), atol=1e-12)
+    estimator.reset()
+    estimator.update(f.images[0], f.t_s[0])
+    assert np.isnan(estimator.update(f.images[1], f.t_s[1]).origin_velocity_m_s).all()
+
+
+def test_light_that_changes_does_not_matter() -> None:
+    f = flight(frames=4, velocity_m_s=(0.08, 0.0, 0.0), lighting=ramp(0.7, 1.2), sensor=Sensor(noise=1.0),
+               exposure_drift=auto_exposure(0.25, period_s=0.4), seed=10)  # fmt: skip
+    assert np.abs(errors(f, velocities(f))[:, :2]).max() < 0.01 * 0.08
+
+
+def test_object_that_moves_does_not_matter() -> None:
+    thing = MovingObject(center_m=(0.0, 0.0), size_m=(0.09, 0.09), velocity_m_s=(-0.1, 0.2), shape="rectangle")
+    f = flight_with_object(frames=4, objects=[thing], velocity_m_s=(0.08, 0.0, 0.0), sensor=QUIET, seed=11)
+    assert (f.masks[0] == 1).mean() > 0.2
+    assert np.abs(errors(f, velocities(f))[:, :2]).max() < 0.01 * 0.08
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+def test_all_grey_types(dtype: str) -> None:
+    f = flight(frames=2, velocity_m_s=(0.08, 0.0, 0.0), sensor=Sensor(noise=0.5, dtype=dtype), seed=12)
+    assert abs(velocities(f)[0].vx_m_s - 0.08) < 0.005 * 0.08
+
+
+def test_frame_is_copied() -> None:
+    f = flight(frames=2, velocity_m_s=(0.08, 0.0, 0.0), sensor=QUIET, seed=13)
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    buffer = f.images[0].copy()
+    estimator.update(buffer, 0.0)
+    buffer[:] = f.images[1]
+    assert estimator.update(buffer, float(f.t_s[1])).vx_m_s == pytest.approx(0.08, rel=0.01)
+
+
+# What it is worth.
+
+
+def test_covariance_covers() -> None:
+    """Normalised errors of 150 intervals: 60 to 76 % inside one sigma, 90 to 99 % inside two."""
+    normalised = []
+    rng = np.random.default_rng(14)
+    for seed in range(30):
+        f = flight(
+            frames=6, kind=("ground", "fine", "noise")[seed % 3], velocity_m_s=(*rng.uniform(-0.1, 0.1, 2), 0.0),
+            sensor=Sensor(noise=float(rng.uniform(1.0, 4.0)), blur_px=0.5), seed=100 + seed,
+        )  # fmt: skip
+        found = velocities(f)
+        deviations = np.array([np.sqrt(np.diag(v.covariance)) for v in found])
+        normalised.append(errors(f, found) / deviations)
+    z = np.abs(np.concatenate(normalised))
+    for axis in range(3):
+        assert 0.60 <= (z[:, axis] < 1).mean() <= 0.76, (axis, (z < 1).mean(axis=0), (z < 2).mean(axis=0))
+        assert 0.90 <= (z[:, axis] < 2).mean() <= 0.99, (axis, (z < 1).mean(axis=0), (z < 2).mean(axis=0))
+
+
+def test_height_and_focal_length_enter_the_covariance() -> None:
+    f = flight(frames=2, velocity_m_s=(0.08, -0.06, 0.0), sensor=QUIET, seed=15)
+    plain = velocities(f)[0]
+    tall = velocities(f, height_std_m=0.004)[0]
+    speed = np.hypot(tall.vx_m_s, tall.vy_m_s)
+    along = np.array([tall.vx_m_s, tall.vy_m_s]) / speed
+    # 0.004 of 0.2 m is 2 % of the speed.
+    added = tall.covariance - plain.covariance
+    assert np.sqrt(along @ added[:2, :2] @ along) / speed == pytest.approx(0.02, rel=1e-6)
+    np.testing.assert_allclose(added, tall.parts["height"], atol=1e-15)
+    known = Camera(180.0, 180.0, 87.5, 71.5, width=176, height=144, std={"fx": 1.8, "fy": 3.6})
+    estimator = VelocityEstimator(known, height_m=0.2)
+    estimator.update(f.images[0], 0.0)
+    v = estimator.update(f.images[1], float(f.t_s[1]))
+    focal = np.sqrt(np.diag(v.parts["focal length"]))
+    np.testing.assert_allclose(focal[:2], [0.01 * abs(v.vx_m_s), 0.02 * abs(v.vy_m_s)], rtol=0.03)
+    budget = v.budget(dt_std_s=0.001)
+    assert [line.split()[0] for line in budget.splitlines()] == ["speed", "displacement", "focal", "time", "total"]
+    assert "time            3.00 %" in budget
+    assert estimator.update(f.images[1], 0.0).budget() == "no velocity: time not increasing"
+
+
+def test_standing_still_is_measured_not_assumed() -> None:
+    f = flight(frames=4, velocity_m_s=(0.0, 0.0, 0.0), sensor=Sensor(noise=2.0), seed=16)
+    for v in velocities(f):
+        assert v.valid
+        assert 0 < np.hypot(v.vx_m_s, v.vy_m_s) < 5 * np.sqrt(np.trace(v.covariance[:2, :2]))
+        assert np.isfinite(v.covariance).all()
+
+
+# What cannot be measured.
+
+
+def unmeasured(v: Velocity, status: VelocityStatus) -> None:
+    assert v.status is status, v
+    assert not v.valid
+    assert np.isnan(vector(v)).all()
+    assert np.isinf(np.diag(v.covariance)).all()
+
+
+def test_statuses() -> None:
+    f = flight(frames=3, velocity_m_s=(0.05, 0.0, 0.0), sensor=QUIET, seed=17)
+    other = flight(frames=1, sensor=QUIET, kind="fine", seed=990).images[0]
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    unmeasured(estimator.update(f.images[0], 0.0), VelocityStatus.FIRST_FRAME)
+    unmeasured(estimator.update(f.images[1], 0.0), VelocityStatus.TIME_NOT_INCREASING)
+    unmeasured(estimator.update(f.images[2], -1.0), VelocityStatus.TIME_NOT_INCREASING)
+    unmeasured(estimator.update(other, 1.0), VelocityStatus.SCENE_CUT)
+    flat = np.full_like(other, 90)
+    assert estimator.update(flat, 2.0).status in (VelocityStatus.SCENE_CUT, VelocityStatus.TOO_FEW_POINTS)
+    unmeasured(estimator.update(flat, 3.0), VelocityStatus.NO_TEXTURE)
+    # After all that it measures again.
+    estimator.update(f.images[0], 4.0)
+    assert estimator.update(f.images[1], 4.0 + 1 / 30).valid
+
+
+def test_flat_noise_has_no_texture_to_follow() -> None:
+    rng = np.random.default_rng(18)
+    camera = flight(frames=1).camera
+    estimator = VelocityEstimator(camera, height_m=0.2)
+    noise = [np.clip(np.rint(100 + 2 * rng.standard_normal((144, 176))), 0, 255).astype(np.uint8) for _ in range(3)]
+    found = [estimator.update(image, 0.1 * k) for k, image in enumerate(noise)][1:]
+    assert not any(v.valid for v in found)
+
+
+def test_without_a_height_the_flow_is_still_measured() -> None:
+    f = flight(frames=3, velocity_m_s=(0.05, 0.0, 0.0), sensor=QUIET, seed=19)
+    estimator = VelocityEstimator(f.camera)
+    estimator.update(f.images[0], 0.0)
+    v = estimator.update(f.images[1], float(f.t_s[1]))
+    unmeasured(v, VelocityStatus.NO_HEIGHT)
+    assert v.flow_px == pytest.approx(0.05 * 180 / 0.2 / 30, rel=0.02)
+    assert estimator.update(f.images[2], float(f.t_s[2]), height_m=0.2).valid
+    unmeasured(estimator.update(f.images[1], 9.0, height_m=float("nan")), VelocityStatus.NO_HEIGHT)
+
+
+def test_camera_that_looks_along_the_ground_sees_none() -> None:
+    f = flight(frames=2, velocity_m_s=(0.05, 0.0, 0.0), sensor=QUIET, seed=20)
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    estimator.update(f.images[0], 0.0)
+    unmeasured(estimator.update(f.images[1], float(f.t_s[1]), down=(0.0, 0.0, -1.0)), VelocityStatus.NO_GROUND)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"height_m": 0.0}, "height_m is 0.0, expected a length in metres above 0"),
+        ({"height_m": float("nan")}, "height_m is nan"),
+        ({"height_std_m": -1.0}, "height_std_m is -1.0, expected a length of 0 or more"),
+        ({"R_body_from_camera": np.eye(2)}, r"R_body_from_camera is .*, expected a \(3, 3\) rotation"),
+        ({"R_body_from_camera": np.diag([1, 1, -1])}, "determinant 1"),
+        ({"lever_arm_m": (1.0, 2.0)}, "lever_arm_m is .*, expected three finite numbers"),
+    ],
+)
+def test_misuse_of_the_estimator(options: dict[str, object], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        VelocityEstimator(WIDE, **options)  # type: ignore[arg-type]
+
+
+def test_misuse_of_update() -> None:
+    with pytest.raises(DTypeError, match=r"camera is str, expected rsflow.Camera"):
+        VelocityEstimator("cam.yaml")  # type: ignore[arg-type]
+    estimator = VelocityEstimator(WIDE, height_m=0.2)
+    image = np.zeros((120, 160), np.uint8)
+    with pytest.raises(
+        OptionError, match="t_s is nan, expected a time in seconds; pictures of a folder carry no times"
+    ):
+        estimator.update(image, float("nan"))
+    with pytest.raises(OptionError, match="height_m and range_m are both given"):
+        estimator.update(image, 0.0, height_m=1.0, range_m=1.0)
+    with pytest.raises(OptionError, match=r"height_m is -1.0"):
+        estimator.update(image, 0.0, height_m=-1.0)
+    with pytest.raises(OptionError, match=r"range_m is 0.0"):
+        estimator.update(image, 0.0, range_m=0.0)
+    with pytest.raises(OptionError, match=r"down is \(0, 0, 0\), expected a direction"):
+        estimator.update(image, 0.0, down=(0, 0, 0))
+    with pytest.raises(OptionError, match=r"rate_rad_s is .* expected three finite numbers"):
+        estimator.update(image, 0.0, rate_rad_s=(0, float("inf"), 0))
+    with pytest.raises(ShapeError, match=r"image is 80 x 60 pixels, the camera 160 x 120; use camera.scaled\(80, 60\)"):
+        estimator.update(np.zeros((60, 80), np.uint8), 0.0)
+    with pytest.raises(ShapeError, match=r"image has shape \(120, 160, 3\), expected \(height, width\)"):
+        estimator.update(np.zeros((120, 160, 3), np.uint8), 0.0)
+    with pytest.raises(DTypeError, match="image is float64, expected uint8, uint16 or float32"):
+        estimator.update(np.zeros((120, 160)), 0.0)
+    with pytest.raises(DTypeError, match="image is list, expected a numpy array"):
+        estimator.update([[0]], 0.0)  # type: ignore[arg-type]
