@@ -25,6 +25,7 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
+    from .camera.calibration import Calibration, calibrate
     from .camera.capture import Frame, Frames, frames
     from .camera.model import Camera
     from .io import read_flow, write_flow
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 # Where each public name lives; the module is imported when the name is first used.
 _LAZY: dict[str, str] = {
+    "Calibration": ".camera.calibration",
     "Camera": ".camera.model",
     "Frame": ".camera.capture",
     "Frames": ".camera.capture",
@@ -49,6 +51,7 @@ _LAZY: dict[str, str] = {
     "VelocityEstimator": ".velocity",
     "VelocityStatus": ".velocity",
     "VideoWriter": ".video",
+    "calibrate": ".camera.calibration",
     "detect_corners": ".tracking",
     "estimate_shift": ".shift",
     "flow_to_color": ".plotting",
@@ -63,6 +66,7 @@ _LAZY: dict[str, str] = {
 _SUBMODULES = ("camera", "interop", "io", "plotting", "synthetic", "video")
 
 __all__ = [
+    "Calibration",
     "CalibrationError",
     "Camera",
     "CaptureError",
@@ -86,6 +90,7 @@ __all__ = [
     "VideoWriter",
     "__version__",
     "build_info",
+    "calibrate",
     "detect_corners",
     "estimate_shift",
     "flow_to_color",

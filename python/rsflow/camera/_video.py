@@ -22,6 +22,9 @@ _PROBE_FRAMES = 24
 # Backends of OpenCV that count frames and divide by the nominal rate instead of reading timestamps.
 _COUNTING_BACKENDS = ("CV_MJPEG", "CV_IMAGES")
 
+# Streams without a container carry no timestamps; FFmpeg makes up some for a few of them.
+_BARE_STREAMS = (".h264", ".264", ".h265", ".265", ".hevc", ".m1v", ".m2v", ".mjpeg", ".mjpg", ".obu", ".av1")
+
 
 # OpenCV's log level is one for the whole process: the first to ask for quiet keeps what it was, the last restores it.
 _quiet_lock = threading.Lock()
@@ -129,7 +132,8 @@ class VideoReader:
             raise CaptureError(f"{self.source}: the video holds no frame that can be decoded")
         self._capture = self._open()
         self.timestamps: Timestamps = "file"
-        if backend in _COUNTING_BACKENDS or (len(times) > 1 and max(times) <= times[0]):
+        bare = Path(self.source).suffix.lower() in _BARE_STREAMS
+        if bare or backend in _COUNTING_BACKENDS or (len(times) > 1 and max(times) <= times[0]):
             self.timestamps = "rate" if self.frame_rate is not None else "none"
             return 0
         rank = {position: place for place, position in enumerate(sorted(range(len(times)), key=times.__getitem__))}

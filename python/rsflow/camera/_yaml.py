@@ -57,9 +57,13 @@ def _with_numbers(value: Any) -> Any:
 
 
 def _numbers(values: Any) -> str:
+    return f"[{', '.join(map(_number, values))}]"
+
+
+def _number(value: float) -> str:
     # With a point before the exponent, which YAML 1.1 needs to see a number.
-    texts = [repr(float(value)) for value in values]
-    return f"[{', '.join(t if '.' in t else t.replace('e', '.0e') for t in texts)}]"
+    text = repr(float(value))
+    return text if "." in text else text.replace("e", ".0e")
 
 
 def ros_text(camera: Camera, name: str) -> str:
@@ -86,6 +90,10 @@ def ros_text(camera: Camera, name: str) -> str:
         _matrix("rectification_matrix", 3, 3, [1, 0, 0, 0, 1, 0, 0, 0, 1]),
         _matrix("projection_matrix", 3, 4, projection),
     ]
+    if camera.std:
+        # A key of our own, which readers of ROS pass over.
+        deviations = ", ".join(f"{key}: {_number(value)}" for key, value in camera.std.items())
+        parts.append(f"standard_deviations: {{{deviations}}}")
     return "\n".join(parts) + "\n"
 
 

@@ -17,12 +17,13 @@ from . import _filestorage, _yaml
 from ._document import Document
 from .model import Camera, CameraFormat
 
-__all__ = ["load_camera", "save_camera"]
+__all__ = ["CAMERA_SUFFIXES", "convert_camera", "format_of", "load_camera", "save_camera"]
 
 # A camera file has a few kilobytes, a FileStorage with every corner of a long calibration a few megabytes.
 _MAX_BYTES = 16 * 1024 * 1024
 
-_SUFFIXES: dict[str, CameraFormat] = {".json": "json", ".yaml": "ros", ".yml": "opencv", ".xml": "opencv"}
+# Suffixes of camera files, and the format that each is written in.
+CAMERA_SUFFIXES: dict[str, CameraFormat] = {".json": "json", ".yaml": "ros", ".yml": "opencv", ".xml": "opencv"}
 
 # Words of ROS and kalibr for the lens models, and how many coefficients each may have.
 _ROS_MODELS: dict[str, tuple[str, tuple[int, ...]]] = {
@@ -137,7 +138,7 @@ def _from_ros(document: Document) -> Camera:
     model, lengths = _ROS_MODELS[lens]
     key = document.first("distortion_coefficients", "D", "d")
     coefficients = () if key is None else document.numbers(key)
-    if len(coefficients) not in lengths and any(coefficients):
+    if len(coefficients) not in lengths and (any(coefficients) or len(coefficients) not in (0, 4, 5)):
         raise FormatError(
             f"{document.path}: {key}: got {len(coefficients)} coefficients, expected "
             f"{' or '.join(map(str, lengths))} for the distortion model {lens!r}"
@@ -147,12 +148,14 @@ def _from_ros(document: Document) -> Camera:
             raise FormatError(
                 f"{document.path}: {name}: got {document.integer(name)}, expected no binning: use Camera.scaled"
             )
+    std = document.at("standard_deviations") if document.value("standard_deviations") is not None else None
     return Camera.from_matrix(
         document.matrix(document.first("camera_matrix", "K", "k") or "camera_matrix"),
-        coefficients if any(coefficients) else (),
+        coefficients if len(coefficients) in lengths else (),
         width=document.integer(document.first("image_width", "width") or "image_width"),
         height=document.integer(document.first("image_height", "height") or "image_height"),
         model=model,  # type: ignore[arg-type]
+        std={} if std is None else {name: std.number(name) for name in std.names()},
     )
 
 
@@ -210,14 +213,49 @@ def _with_std(camera: Camera, document: Document) -> Camera:
     )
 
 
+def format_of(path: str | os.PathLike[str], format: CameraFormat | None = None) -> CameraFormat:
+    """Give the format in which a camera is written to `path`.
+
+    Raises
+    ------
+    OptionError
+        If `format` is not known, or is None and the suffix says none.
+    """
+    if format is not None:
+        if format not in ("json", "opencv", "ros", "kalibr"):
+            raise OptionError(f"format: got {format!r}, expected json, opencv, ros or kalibr")
+        return format
+    kind = CAMERA_SUFFIXES.get(Path(path).suffix.lower())
+    if kind is None:
+        raise OptionError(
+            f"{path}: the suffix says no format: use {', '.join(CAMERA_SUFFIXES)}, "
+            "or format= json, opencv, ros or kalibr"
+        )
+    return kind
+
+
+def convert_camera(
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    *,
+    format: CameraFormat | None = None,
+    camera: str | None = None,
+    size: tuple[int, int] | None = None,
+) -> Camera:
+    """Read a camera file and write it in another format; give the camera.
+
+    Parameters and errors are those of `Camera.load` and `Camera.save`.
+    """
+    format_of(target, format)
+    loaded = load_camera(source, camera=camera, size=size)
+    save_camera(loaded, target, format=format)
+    return loaded
+
+
 def save_camera(camera: Camera, path: str | os.PathLike[str], *, format: CameraFormat | None = None) -> None:
     """Write a camera; see `Camera.save`."""
     file = Path(path)
-    kind = format if format is not None else _SUFFIXES.get(file.suffix.lower())
-    if kind is None:
-        raise OptionError(
-            f"{file}: the suffix says no format: use {', '.join(_SUFFIXES)}, or format= json, opencv, ros or kalibr"
-        )
+    kind = format_of(file, format)
     if kind == "json":
         text = _json_text(camera)
     elif kind == "opencv":
@@ -225,10 +263,8 @@ def save_camera(camera: Camera, path: str | os.PathLike[str], *, format: CameraF
         text = _filestorage.text(camera, {".xml": "xml", ".json": "json"}.get(suffix, "yaml"))
     elif kind == "ros":
         text = _yaml.ros_text(camera, file.stem)
-    elif kind == "kalibr":
-        text = _yaml.kalibr_text(camera)
     else:
-        raise OptionError(f"format: got {kind!r}, expected json, opencv, ros or kalibr")
+        text = _yaml.kalibr_text(camera)
     with writing(file) as partial:
         partial.write_text(text, encoding="utf-8")
 

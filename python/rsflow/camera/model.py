@@ -294,7 +294,7 @@ class Camera:
         path : path
             ``.json`` is rsflow's own, ``.yaml`` ROS camera_info, ``.yml`` and ``.xml`` OpenCV FileStorage.
         format : {"json", "opencv", "ros", "kalibr"}, optional
-            Overrules what the suffix says. Deviations (`std`) are kept by "json" and "opencv" only.
+            Overrules what the suffix says. "kalibr" does not keep the deviations (`std`).
 
         Raises
         ------

@@ -16,6 +16,7 @@ from typing import NoReturn
 
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)` and `run(args) -> int`, one line of help).
 COMMANDS: dict[str, tuple[str, str]] = {
+    "calibrate": ("rsflow.cli.calibrate", "a camera file from pictures of a chessboard or ChArUco board"),
     "reproduce": ("rsflow.cli.reproduce", "repeat the report's experiments, its tables beside what rsflow measures"),
     "shift": ("rsflow.cli.shift", "how far a window moved from one picture to the next"),
     "velocity": ("rsflow.cli.velocity", "how fast the camera travels over flat ground, in metres per second"),

@@ -1,0 +1,146 @@
+"""``rsflow calibrate``: a camera from pictures of a board, or from a live camera."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from rsflow.camera.calibration import View
+
+DESCRIPTION = """\
+Calibrate a camera from pictures of a chessboard or ChArUco board.
+
+Print a board, glue it to something flat, and take 15 or more pictures: near and far, tilted by 20 to 45
+degrees to every side, the board in each corner of the picture, focus and zoom as later in use. What comes
+out is the camera file that `rsflow velocity` and `rsflow extract` need for metres per second, with the
+deviation of each parameter, the error of each view, and advice on what to drop and what to add.
+
+examples:
+  rsflow calibrate 'pictures/*.jpg' --board 9x6 --square 0.025 -o camera.yaml
+  rsflow calibrate board.mp4 --board 9x6 --square 0.025 -o camera.json --pictures corners
+  rsflow calibrate 0 --board 9x6 --square 0.025 -o camera.yaml      live: says where to hold the board
+  rsflow calibrate shots --pattern charuco --board 8x5 --square 0.03 --marker 0.022 -o camera.yaml
+
+--board counts inner corners of a chessboard (10 x 7 squares have 9x6), squares of a ChArUco board.
+"""
+
+
+def board_size(text: str) -> tuple[int, int]:
+    """Read ``9x6``."""
+    parts = text.lower().replace("×", "x").replace(",", "x").split("x")
+    if len(parts) != 2 or not all(part.strip().isdigit() for part in parts):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected columns and rows, 9x6 say")
+    return int(parts[0]), int(parts[1])
+
+
+def length_m(text: str) -> float:
+    """Read a length in metres."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a length in metres above 0, 0.025 say")
+    return value
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument("source", help="pictures (folder, glob, one of them), a video, a URL, or a camera's index")
+    parser.add_argument("more", nargs="*", help=argparse.SUPPRESS)
+    parser.add_argument("--board", type=board_size, required=True, metavar="COLSxROWS", help="size of the board")
+    parser.add_argument("--square", type=length_m, required=True, metavar="M", help="side of a square in metres")
+    parser.add_argument("-o", "--output", metavar="FILE", help="camera file: .yaml (ROS), .yml/.xml (OpenCV), .json")
+    parser.add_argument("--format", choices=("json", "opencv", "ros", "kalibr"), help="overrules the file's suffix")
+    parser.add_argument("--pictures", metavar="DIR", help="write a picture of each view with its corners")
+    parser.add_argument("--json", action="store_true", help="print the whole result as JSON")
+    parser.add_argument("--pattern", choices=("chessboard", "charuco"), default="chessboard", help="what is printed")
+    parser.add_argument("--marker", type=length_m, metavar="M", help="ChArUco: side of a marker in metres")
+    parser.add_argument("--dictionary", default="DICT_4X4_50", metavar="NAME", help="ChArUco: ArUco dictionary")
+    parser.add_argument("--legacy", action="store_true", help="ChArUco: board made by OpenCV before 4.6")
+    parser.add_argument(
+        "--coefficients", type=int, choices=(0, 4, 5, 8, 12), default=5, help="distortion terms (5: k1 k2 p1 p2 k3)"
+    )
+    parser.add_argument("--square-pixels", action="store_true", help="hold fx = fy")
+    parser.add_argument("--time-budget", type=float, default=120.0, metavar="S", help="for all searches (default 120)")
+    parser.add_argument("--view-time-budget", type=float, default=5.0, metavar="S", help="for one picture (default 5)")
+    parser.add_argument("--max-views", type=int, default=60, metavar="N", help="enough is enough (default 60)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate, print, and write what was asked for."""
+    from rsflow.camera.calibration import calibrate
+    from rsflow.camera.capture import frames
+    from rsflow.camera.formats import format_of
+
+    if args.output is not None:
+        # Before the work, not after it.
+        format_of(args.output, args.format)
+    source = frames([args.source, *args.more] if args.more else args.source)
+    calibration = calibrate(
+        source,
+        board=args.board,
+        square_size_m=args.square,
+        pattern=args.pattern,
+        marker_size_m=args.marker,
+        dictionary=args.dictionary,
+        legacy_pattern=args.legacy,
+        coefficients=args.coefficients,
+        square_pixels=args.square_pixels,
+        time_budget_s=args.time_budget,
+        view_time_budget_s=args.view_time_budget,
+        max_views=args.max_views,
+        on_view=_progress(source) if sys.stderr.isatty() or source.live else None,
+    )
+    if args.output is not None:
+        calibration.save(args.output, format=args.format)
+    pictures = calibration.draw(args.pictures) if args.pictures is not None else []
+    if args.json:
+        json.dump(calibration.as_dict(), sys.stdout, indent=2, allow_nan=False)
+        print()
+        return 0
+    print("\n".join(_wrapped(line) for line in calibration.summary().splitlines()))
+    if args.output is not None:
+        print(f"wrote {args.output}")
+    if pictures:
+        print(f"wrote {len(pictures)} pictures to {Path(args.pictures)}")
+    return 0
+
+
+def _wrapped(line: str) -> str:
+    if len(line) <= 120 or line.startswith(" "):
+        return line
+    return textwrap.fill(line, 118, subsequent_indent="  " if line.startswith("- ") else "")
+
+
+def _progress(source: Any) -> Callable[[View, int], bool | None]:
+    """Say of each view whether the board was found, and where it has not been yet."""
+    import numpy as np
+
+    from rsflow.camera._calibration_report import add_coverage, empty_places
+
+    counts: NDArray[np.int64] = np.zeros((6, 8), np.int64)
+
+    def say(view: View, usable: int) -> None:
+        if view.used:
+            add_coverage(counts, view.corners, source.size)
+        if source.live and not view.used:
+            return
+        places = empty_places(counts)
+        hint = ""
+        if source.live:
+            hint = f"; hold the board in the {places[0]}" if places else "; tilt it, come nearer; Ctrl-C when done"
+        result = f"{len(view.corners)} corners" if view.used else view.reason
+        print(f"{view.name}: {result} ({usable} views){hint}", file=sys.stderr, flush=True)
+
+    return say
