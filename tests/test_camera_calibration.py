@@ -259,9 +259,7 @@ def test_views_that_do_not_determine_a_camera_are_an_error():
 
 def test_a_focal_length_with_too_large_a_deviation_is_an_error(monkeypatch):
     monkeypatch.setattr("rsflow.camera.calibration._UNDETERMINED", 1e-6)
-    with pytest.raises(
-        rsflow.CalibrationError, match=r"the 4 views do not .* length: got \d+\.\d \+- \d+\.\d px"
-    ):
+    with pytest.raises(rsflow.CalibrationError, match=r"the 4 views do not .* length: got \d+\.\d \+- \d+\.\d px"):
         rsflow.calibrate(list(views()[:4]), board=BOARD, square_size_m=SQUARE_M)
 
 
