@@ -60,8 +60,8 @@ def test_a_shift_is_found_in_any_light(light):
     tracks = rsflow.track_points(
         to_u8(frame(picture)), to_u8(LIGHT[light](frame(picture, 5.3, -3.7, noise_seed=1))), grid()
     )
-    assert tracks.valid.mean() > 0.92
-    assert np.median(errors(tracks, (5.3, -3.7))) < 0.08
+    assert tracks.valid.mean() > 0.98
+    assert np.median(errors(tracks, (5.3, -3.7))) < 0.045
     assert (errors(tracks, (5.3, -3.7)) > 0.5).mean() < 0.01
 
 

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from .camera.calibration import Calibration, calibrate
     from .camera.capture import Frame, Frames, frames
     from .camera.model import Camera
-    from .flow import DenseFlow, FlowField, dense_flow
     from .io import read_flow, write_flow
     from .plotting import QuiverStyle, flow_to_color, quiver
     from .shift import Shift, ShiftStatus, estimate_shift
@@ -40,8 +39,6 @@ if TYPE_CHECKING:
 _LAZY: dict[str, str] = {
     "Calibration": ".camera.calibration",
     "Camera": ".camera.model",
-    "DenseFlow": ".flow",
-    "FlowField": ".flow",
     "Frame": ".camera.capture",
     "Frames": ".camera.capture",
     "PointStatus": ".tracking",
@@ -55,7 +52,6 @@ _LAZY: dict[str, str] = {
     "VelocityStatus": ".velocity",
     "VideoWriter": ".video",
     "calibrate": ".camera.calibration",
-    "dense_flow": ".flow",
     "detect_corners": ".tracking",
     "estimate_shift": ".shift",
     "flow_to_color": ".plotting",
@@ -75,8 +71,6 @@ __all__ = [
     "Camera",
     "CaptureError",
     "DTypeError",
-    "DenseFlow",
-    "FlowField",
     "FormatError",
     "Frame",
     "Frames",
@@ -97,7 +91,6 @@ __all__ = [
     "__version__",
     "build_info",
     "calibrate",
-    "dense_flow",
     "detect_corners",
     "estimate_shift",
     "flow_to_color",

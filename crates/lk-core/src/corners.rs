@@ -8,10 +8,9 @@ use ndarray::ArrayView2;
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane};
-use crate::lanes::{LANES, Lanes};
 use crate::parallel::for_each_band;
 use crate::pyramid::mirror;
-use crate::simd::{Kernel, Level, dispatch};
+use crate::simd::{Eight, EightKernel, Kernel, LANES, Level, dispatch, dispatch_eight};
 
 /// What counts as a corner, and how many are wanted.
 ///
@@ -226,11 +225,12 @@ impl CornerDetector {
             return Ok(());
         }
         self.respond(plane, options)?;
-        let best = self.best(mask);
+        let level = options.execution.simd_level();
+        let best = self.best(mask, level);
         if best <= 0.0 {
             return Ok(());
         }
-        self.collect(best * options.quality, mask, options.execution.simd_level());
+        self.collect(best * options.quality, mask, level);
         self.choose(options, corners);
         Ok(())
     }
@@ -256,22 +256,12 @@ impl CornerDetector {
     }
 
     /// The largest response.
-    fn best(&self, mask: Option<ArrayView2<'_, bool>>) -> f32 {
+    fn best(&self, mask: Option<ArrayView2<'_, bool>>, level: Level) -> f32 {
         let mut best = f32::MIN;
         for y in 0..self.response.height() {
             let row = self.response.row(y);
             match mask {
-                None => {
-                    let mut lanes = [f32::MIN; LANES];
-                    let chunks = row.chunks_exact(LANES);
-                    best = chunks.remainder().iter().copied().fold(best, f32::max);
-                    for chunk in chunks {
-                        for (lane, value) in lanes.iter_mut().zip(chunk) {
-                            *lane = if *value > *lane { *value } else { *lane };
-                        }
-                    }
-                    best = lanes.into_iter().fold(best, f32::max);
-                }
+                None => best = best.max(dispatch(level, Largest(row))),
                 Some(mask) => {
                     for (value, wanted) in row.iter().zip(mask.row(y)) {
                         if *wanted {
@@ -290,7 +280,7 @@ impl CornerDetector {
         self.candidates.clear();
         for y in 1..height - 1 {
             let rows = [y - 1, y, y + 1].map(|row| self.response.row(row));
-            dispatch(
+            dispatch_eight(
                 level,
                 Maxima {
                     rows,
@@ -438,7 +428,7 @@ impl TensorRows {
         );
         // Sobel's filters weigh 8 pixels a side; the mean over the block, per pixel squared.
         let scale = 1.0 / (8.0 * 8.0 * (self.block * self.block) as f32);
-        dispatch(
+        dispatch_eight(
             self.level,
             Respond {
                 sums: &self.sums,
@@ -591,43 +581,64 @@ struct Respond<'a> {
     row: &'a mut [f32],
 }
 
-impl Kernel for Respond<'_> {
+impl EightKernel for Respond<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<L: Eight>(self) {
         let padded = self.sums.len() / 3;
         let (xx, rest) = self.sums.split_at(padded);
         let (xy, yy) = rest.split_at(padded);
         let width = self.row.len();
         let mut x = 0;
         while x < width {
-            let mut tensor = [Lanes::ZERO; 3];
+            let mut tensor = [L::zero(); 3];
             for step in 0..self.block {
-                tensor[0] += Lanes::load(&xx[x + step..]);
-                tensor[1] += Lanes::load(&xy[x + step..]);
-                tensor[2] += Lanes::load(&yy[x + step..]);
+                tensor[0] += L::load(xx, x + step);
+                tensor[1] += L::load(xy, x + step);
+                tensor[2] += L::load(yy, x + step);
             }
-            let scale = Lanes::splat(self.scale);
-            let [xx, xy, yy] = tensor.map(|sum| sum * scale);
+            let scale = L::splat(self.scale);
+            let [xx, xy, yy] = tensor;
+            let (xx, xy, yy) = (xx * scale, xy * scale, yy * scale);
             let response = if let Some(k) = self.harris {
                 let trace = xx + yy;
-                xx * yy - xy * xy - Lanes::splat(k) * trace * trace
+                xx * yy - xy * xy - L::splat(k) * trace * trace
             } else {
-                let half = Lanes::splat(0.5);
+                let half = L::splat(0.5);
                 let difference = (xx - yy) * half;
                 (xx + yy) * half - (difference * difference + xy * xy).sqrt()
             };
             if x + LANES <= width {
-                response.store(&mut self.row[x..]);
+                response.store(self.row, x);
             } else {
                 let mut last = [0.0; LANES];
-                response.store(&mut last);
+                response.store(&mut last, 0);
                 let count = width - x;
                 self.row[x..].copy_from_slice(&last[..count]);
             }
             x += LANES;
         }
+    }
+}
+
+/// The largest value of a row that is not NaN.
+struct Largest<'a>(&'a [f32]);
+
+impl Kernel for Largest<'_> {
+    type Output = f32;
+
+    #[inline(always)]
+    fn run(self) -> f32 {
+        let mut lanes = [f32::MIN; 4 * LANES];
+        let chunks = self.0.chunks_exact(4 * LANES);
+        let rest = chunks.remainder().iter().copied().fold(f32::MIN, f32::max);
+        for chunk in chunks {
+            for (lane, value) in lanes.iter_mut().zip(chunk) {
+                *lane = if *value > *lane { *value } else { *lane };
+            }
+        }
+        lanes.into_iter().fold(rest, f32::max)
     }
 }
 
@@ -641,52 +652,54 @@ struct Maxima<'a> {
     found: &'a mut Vec<Candidate>,
 }
 
-impl Kernel for Maxima<'_> {
+impl EightKernel for Maxima<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
-        let width = self.rows[1].len();
+    fn run<L: Eight>(mut self) {
         let [above, here, below] = self.rows;
-        let is_maximum = |x: usize| {
-            let value = here[x];
-            value > self.threshold
-                && above[x - 1..=x + 1].iter().all(|other| value >= *other)
-                && below[x - 1..=x + 1].iter().all(|other| value >= *other)
-                && value >= here[x - 1]
-                && value >= here[x + 1]
-        };
+        let width = here.len();
+        let (above, below) = (&above[..width], &below[..width]);
+        let threshold = L::splat(self.threshold);
         let mut x = 1;
         while x < width - 1 {
-            let end = (x + LANES).min(width - 1);
-            if x + LANES < width {
-                // Most blocks hold no maximum, and whole lanes tell so at once.
-                let mut any = 0u32;
-                for lane in x..x + LANES {
-                    let value = here[lane];
-                    let column = above[lane].max(below[lane]);
-                    any |= u32::from(
-                        (value > self.threshold)
-                            & (value >= column)
-                            & (value >= here[lane - 1])
-                            & (value >= here[lane + 1]),
-                    );
-                }
-                if any == 0 {
-                    x = end;
-                    continue;
+            // Most blocks hold no maximum, and whole lanes tell so at once.
+            let whole = x + LANES < width;
+            let count = if whole { LANES } else { width - 1 - x };
+            let mut bits = u8::MAX;
+            if whole {
+                let value = L::load(here, x);
+                bits = value.at_least(threshold)
+                    & value.at_least(L::load(above, x))
+                    & value.at_least(L::load(below, x));
+            }
+            if bits != 0 {
+                for lane in 0..count {
+                    if bits & (1 << lane) != 0 {
+                        self.look(above, here, below, x + lane);
+                    }
                 }
             }
-            for at in x..end {
-                let wanted = self.mask.is_none_or(|(mask, y)| mask[(y, at)]);
-                if wanted && is_maximum(at) {
-                    self.found.push(Candidate {
-                        response: here[at],
-                        index: self.first + at as u32,
-                    });
-                }
-            }
-            x = end;
+            x += count;
+        }
+    }
+}
+
+impl Maxima<'_> {
+    /// Take pixel `x` if it is a maximum.
+    fn look(&mut self, above: &[f32], here: &[f32], below: &[f32], x: usize) {
+        let value = here[x];
+        let near = x - 1..x + 2;
+        let is_maximum = value > self.threshold
+            && value >= here[x - 1]
+            && value >= here[x + 1]
+            && above[near.clone()].iter().all(|other| value >= *other)
+            && below[near].iter().all(|other| value >= *other);
+        if is_maximum && self.mask.is_none_or(|(mask, y)| mask[(y, x)]) {
+            self.found.push(Candidate {
+                response: value,
+                index: self.first + x as u32,
+            });
         }
     }
 }

@@ -8,12 +8,10 @@
 #![deny(missing_docs)]
 
 mod corners;
-mod dense;
 mod error;
 mod execution;
 mod frame;
 mod illumination;
-mod lanes;
 mod parallel;
 mod phase;
 mod pyramid;
@@ -22,9 +20,6 @@ mod simd;
 mod track;
 
 pub use corners::{Corner, CornerDetector, CornerOptions, detect_corners};
-pub use dense::{
-    DenseFlow, DenseHints, DenseOptions, FlowField, LevelRecipe, Preset, Recipe, dense_flow,
-};
 pub use error::{Error, Result};
 pub use execution::Execution;
 pub use frame::{Frame, Pixel, Plane};

@@ -5,8 +5,11 @@
 //! is taken out of the template's gradients once, after G. Hager and P. Belhumeur, "Efficient region tracking with
 //! parametric models of geometry and illumination", PAMI 1998.
 
+mod normal;
 mod options;
 mod patch;
+mod retry;
+mod seeds;
 mod solve;
 mod stream;
 #[cfg(test)]
@@ -21,6 +24,7 @@ use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel};
 use crate::parallel::{RowsMut, for_each_band};
 use crate::pyramid::Pyramid;
+use retry::Memory;
 use solve::{Problem, Workspace};
 
 /// Points that one thread takes at least: some 50 us of work.
@@ -71,6 +75,35 @@ pub fn track_pyramids(
     initial: Option<&[[f32; 2]]>,
     mask: Option<ArrayView2<'_, bool>>,
     options: &TrackOptions,
+    tracks: &mut Vec<TrackedPoint>,
+) -> Result<()> {
+    let guesses = Guesses { initial, mask };
+    track_keeping(
+        prev,
+        next,
+        points,
+        guesses,
+        options,
+        &mut Memory::default(),
+        tracks,
+    )
+}
+
+/// What a caller may know of the points beforehand.
+#[derive(Debug, Clone, Copy)]
+struct Guesses<'a> {
+    initial: Option<&'a [[f32; 2]]>,
+    mask: Option<ArrayView2<'a, bool>>,
+}
+
+/// [`track_pyramids`] with memory that is kept.
+fn track_keeping(
+    prev: &Pyramid,
+    next: &Pyramid,
+    points: &[[f32; 2]],
+    Guesses { initial, mask }: Guesses<'_>,
+    options: &TrackOptions,
+    memory: &mut Memory,
     tracks: &mut Vec<TrackedPoint>,
 ) -> Result<()> {
     options.validate()?;
@@ -136,7 +169,8 @@ pub fn track_pyramids(
                 *track = problem.track(point, start, &mut workspace);
             }
         },
-    )
+    )?;
+    memory.retry(&problem, points, tracks)
 }
 
 /// Whether the pixel that `point` is in is excluded.

@@ -2,52 +2,34 @@
 //!
 //! A window is sampled at one sub-pixel offset for all its pixels, so sampling is a separable filter with constant
 //! weights and needs no gathers. Rows are padded to whole lanes; what stands in the padding has no weight.
+//!
+//! The lighting model costs no pass over the pixels: what it explains is taken out of the sums, in
+//! [`super::normal::Normal`].
 
 use crate::frame::Plane;
-use crate::illumination::Illumination;
-use crate::lanes::{LANES, LaneMask, Lanes};
 use crate::pyramid::mirror;
-use crate::simd::Kernel;
+use crate::simd::{Eight, EightKernel, LANES, Packed};
 
 /// The largest window, in pixels a side.
 pub(crate) const MAX_WINDOW: usize = 63;
 
-/// Taps of the sampling filter, and the columns or rows that it reaches before a pixel.
-const TAPS: usize = 4;
-const BEFORE: isize = 1;
+/// Taps of the cubic B-spline, and the pixels that it reaches before a position.
+const SPLINE_TAPS: usize = 4;
+const SPLINE_BEFORE: isize = 1;
 
+const MAX_BLOCKS: usize = MAX_WINDOW.div_ceil(LANES);
 /// A template has one more sample on each side, for its gradient.
 const MAX_SAMPLED: usize = (MAX_WINDOW + 2).next_multiple_of(LANES);
-const MAX_PADDED: usize = MAX_WINDOW.next_multiple_of(LANES);
-const MAX_REGION: usize = MAX_SAMPLED + TAPS;
+const MAX_REGION: usize = MAX_SAMPLED + SPLINE_TAPS;
 
 /// How grey levels between pixels are had.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sampling {
-    /// Two taps: cheap; blurs more the further the offset is from a pixel.
+    /// Linearly, and the template at whole pixels: cheap, but it blurs more the further the offset is from a pixel.
     Linear,
-    /// The cubic B-spline, without its prefilter: smooths alike at every offset, so that the offset leaves no bias.
+    /// By the cubic B-spline without its prefilter: it smooths alike at every offset, so that the offset leaves no
+    /// bias.
     Spline,
-}
-
-impl Sampling {
-    /// The weights of the four pixels around a position `fraction` after the second of them.
-    fn weights(self, fraction: f32) -> [f32; TAPS] {
-        let f = fraction;
-        match self {
-            Self::Linear => [0.0, 1.0 - f, f, 0.0],
-            Self::Spline => {
-                let g = 1.0 - f;
-                let sixth = 1.0 / 6.0;
-                [
-                    g * g * g * sixth,
-                    (f * f * (3.0 * f - 6.0) + 4.0) * sixth,
-                    (g * g * (3.0 * g - 6.0) + 4.0) * sixth,
-                    f * f * f * sixth,
-                ]
-            }
-        }
-    }
 }
 
 /// The size of a window, in pixels.
@@ -59,6 +41,7 @@ pub(crate) struct Window {
 
 impl Window {
     /// From the centre to the first pixel, along x and y.
+    #[inline(always)]
     pub(crate) fn half(self) -> [f32; 2] {
         [
             (self.width as f32 - 1.0) * 0.5,
@@ -66,14 +49,46 @@ impl Window {
         ]
     }
 
+    #[inline(always)]
     fn blocks(self) -> usize {
         self.width.div_ceil(LANES)
     }
 
     /// Pixels.
-    pub(crate) fn area(self) -> f32 {
-        (self.width * self.height) as f32
+    #[inline(always)]
+    pub(crate) fn area(self) -> f64 {
+        (self.width * self.height) as f64
     }
+
+    /// Sums over the window of x^2 and y^2, from its centre.
+    #[inline(always)]
+    pub(crate) fn moments(self) -> [f64; 2] {
+        let (width, height) = (self.width as f64, self.height as f64);
+        let twelfth = width * height / 12.0;
+        [
+            twelfth * (width * width - 1.0),
+            twelfth * (height * height - 1.0),
+        ]
+    }
+
+    /// The x coordinates of a block of lanes, from the window's centre.
+    #[inline(always)]
+    fn block_x<L: Eight>(self, block: usize) -> L {
+        L::splat((block * LANES) as f32 - self.half()[0]) + L::unpack(&Packed::STEPS)
+    }
+}
+
+/// The weights of the four pixels around a position `f` after the second of them.
+#[inline(always)]
+fn spline_weights<L: Eight>(f: f32) -> [L; SPLINE_TAPS] {
+    let g = 1.0 - f;
+    let sixth = 1.0 / 6.0;
+    [
+        L::splat(g * g * g * sixth),
+        L::splat((f * f * (3.0 * f - 6.0) + 4.0) * sixth),
+        L::splat((g * g * (3.0 * g - 6.0) + 4.0) * sixth),
+        L::splat(f * f * f * sixth),
+    ]
 }
 
 /// Memory for windows that reach over the border.
@@ -94,14 +109,21 @@ struct Region<'a> {
 }
 
 impl Region<'_> {
+    /// `N` pixels of `row` from `column` on.
     #[inline(always)]
-    fn from(&self, row: usize, column: usize) -> &[f32] {
-        &self.data[row * self.stride + column..]
+    fn reach<const N: usize>(&self, row: usize, column: usize) -> &[f32; N] {
+        let start = row * self.stride + column;
+        match self.data[start..start + N].first_chunk() {
+            Some(reach) => reach,
+            // The slice above has this very length.
+            None => &[0.0; N],
+        }
     }
 }
 
-/// The `columns` by `rows` pixels of `plane` from (x, y) on: the plane's own where it has them all, a mirrored copy
-/// where it has not.
+/// The `columns` by `rows` pixels of `plane` from (x, y) on, and memory to load whole lanes from after them: the
+/// plane's own where it has them all, a mirrored copy where it has not.
+#[inline(always)]
 fn region<'a>(
     plane: &'a Plane,
     (x, y): (isize, isize),
@@ -111,11 +133,30 @@ fn region<'a>(
 ) -> Region<'a> {
     let (width, height) = (plane.width(), plane.height());
     if x >= 0 && y >= 0 && x as usize + columns <= width && y as usize + rows <= height {
-        return Region {
-            data: &plane.data()[y as usize * width + x as usize..],
-            stride: width,
-        };
+        let start = y as usize * width + x as usize;
+        let data = &plane.data()[start..];
+        // What is loaded beyond a row's end is the next row's start, and has no weight.
+        if (rows - 1) * width + columns + LANES <= data.len() {
+            return Region {
+                data,
+                stride: width,
+            };
+        }
     }
+    mirrored(plane, (x, y), columns, rows, scratch)
+}
+
+/// [`region`] where the plane has not all of it.
+#[cold]
+#[inline(never)]
+fn mirrored<'a>(
+    plane: &Plane,
+    (x, y): (isize, isize),
+    columns: usize,
+    rows: usize,
+    scratch: &'a mut BorderScratch,
+) -> Region<'a> {
+    let (width, height) = (plane.width(), plane.height());
     let mut source = [0usize; MAX_REGION];
     for (column, from) in source[..columns].iter_mut().enumerate() {
         *from = mirror(x + column as isize, width);
@@ -134,39 +175,69 @@ fn region<'a>(
 }
 
 /// The whole and the fractional part of a coordinate.
+#[inline(always)]
 fn split(coordinate: f32) -> (isize, f32) {
     let floor = coordinate.floor();
     (floor as isize, coordinate - floor)
 }
 
-/// The window in `prev`, its gradient with the lighting taken out, and the normal equations.
-#[derive(Debug)]
-pub(crate) struct Template {
-    window: Window,
-    sampling: Sampling,
-    /// Samples with one more on each side.
-    samples: [f32; MAX_SAMPLED * (MAX_WINDOW + 2)],
-    /// Intensity less its mean.
-    intensity: [f32; MAX_PADDED * MAX_WINDOW],
-    /// Gradients less what the lighting model explains of them.
-    gradient: [[f32; MAX_PADDED * MAX_WINDOW]; 2],
-    /// Sums over the window of products of the gradients: xx, xy, yy.
-    pub(crate) tensor: [f64; 3],
-    /// Sum of the squared intensity, and of its products with the plain gradients.
-    pub(crate) intensity_sums: [f64; 3],
+/// What a template holds for eight pixels of a row.
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    /// Grey levels of `prev`.
+    prev: Packed,
+    /// Gradients along x and y; 0 in the padding.
+    gradient: [Packed; 2],
 }
 
-/// Sums over the window of the difference d = next - prev: with the gradients, the intensity, alone, and squared.
+/// The window in `prev`, its gradient, and their sums.
+#[derive(Debug)]
+pub(crate) struct Template {
+    pub(crate) window: Window,
+    pub(crate) sampling: Sampling,
+    /// Samples with one more on each side, in rows of whole lanes.
+    samples: [f32; MAX_SAMPLED * (MAX_WINDOW + 2) + LANES],
+    /// Columns of eight pixels, one after the other, each from its top row down.
+    cells: [Cell; MAX_BLOCKS * MAX_WINDOW],
+    /// Grey level of a pixel in the middle, from which `sums` counts the intensity.
+    level: f32,
+    pub(crate) sums: TemplateSums,
+}
+
+/// Sums over the window of the intensity a and the gradients x and y.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct TemplateSums {
+    /// Of a, x, y.
+    pub(crate) plain: [f64; 3],
+    /// Of a, x, y times the x coordinate from the window's centre.
+    pub(crate) with_x: [f64; 3],
+    /// Of a, x, y times the y coordinate from the window's centre.
+    pub(crate) with_y: [f64; 3],
+    /// Of aa, ax, ay, xx, xy, yy.
+    pub(crate) products: [f64; 6],
+    /// Of x and of y, each with its value one row above.
+    pub(crate) lagged: [f64; 2],
+}
+
+/// Sums over the window of the difference d = next - prev.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sums {
-    pub(crate) gradient: [f64; 2],
-    pub(crate) intensity: f64,
+    /// With the intensity and the gradients.
+    pub(crate) products: [f64; 3],
+    /// Alone.
     pub(crate) plain: f64,
+    /// With the coordinates from the window's centre.
+    pub(crate) tilt: [f64; 2],
+    /// Squared.
     pub(crate) squared: f64,
 }
 
 impl Template {
     pub(crate) fn new() -> Self {
+        let cell = Cell {
+            prev: Packed::ZERO,
+            gradient: [Packed::ZERO; 2],
+        };
         Self {
             window: Window {
                 width: 0,
@@ -174,10 +245,9 @@ impl Template {
             },
             sampling: Sampling::Linear,
             samples: [0.0; _],
-            intensity: [0.0; _],
-            gradient: [[0.0; _]; 2],
-            tensor: [0.0; 3],
-            intensity_sums: [0.0; 3],
+            cells: [cell; _],
+            level: 0.0,
+            sums: TemplateSums::default(),
         }
     }
 }
@@ -189,184 +259,147 @@ pub(crate) struct BuildTemplate<'a> {
     pub(crate) centre: [f32; 2],
     pub(crate) window: Window,
     pub(crate) sampling: Sampling,
-    pub(crate) illumination: Illumination,
     pub(crate) scratch: &'a mut BorderScratch,
 }
 
-impl Kernel for BuildTemplate<'_> {
-    type Output = ();
+impl EightKernel for BuildTemplate<'_> {
+    /// Where the template's centre is: `centre`, or near it at whole pixels.
+    type Output = [f32; 2];
 
     #[inline(always)]
-    fn run(self) {
+    fn run<L: Eight>(self) -> [f32; 2] {
         let Self {
             template,
             window,
             sampling,
-            illumination,
             ..
         } = self;
         template.window = window;
         template.sampling = sampling;
         let half = window.half();
-        let (x, fx) = split(self.centre[0] - half[0] - 1.0);
-        let (y, fy) = split(self.centre[1] - half[1] - 1.0);
-        let blocks = (window.width + 2).div_ceil(LANES);
-        let rows = window.height + 2;
-        let region = region(
+        let corner = [self.centre[0] - half[0], self.centre[1] - half[1]];
+        let (columns, rows) = (window.width + 2, window.height + 2);
+        if sampling == Sampling::Linear {
+            let [x, y] = [corner[0].round(), corner[1].round()];
+            let place = (x as isize - 1, y as isize - 1);
+            let region = region(self.prev, place, columns, rows, self.scratch);
+            let cells = &mut template.cells;
+            (template.level, template.sums) = differentiate::<L>(region, window, cells);
+            return [x + half[0], y + half[1]];
+        }
+        let (x, fx) = split(corner[0] - 1.0);
+        let (y, fy) = split(corner[1] - 1.0);
+        let source = region(
             self.prev,
-            (x - BEFORE, y - BEFORE),
-            blocks * LANES + TAPS - 1,
-            rows + TAPS - 1,
+            (x - SPLINE_BEFORE, y - SPLINE_BEFORE),
+            columns + SPLINE_TAPS - 1,
+            rows + SPLINE_TAPS - 1,
             self.scratch,
         );
-        let (wx, wy) = (sampling.weights(fx), sampling.weights(fy));
-        match sampling {
-            Sampling::Linear => {
-                sample::<false>(region, wx, wy, blocks, rows, &mut template.samples)
+        let blocks = columns.div_ceil(LANES);
+        let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
+        for block in 0..blocks {
+            let mut column = Spline::new(source, block * LANES, &wx);
+            for row in 0..rows {
+                let at = (row * blocks + block) * LANES;
+                column
+                    .sample(row, &wx, &wy)
+                    .store(&mut template.samples, at);
             }
-            Sampling::Spline => sample::<true>(region, wx, wy, blocks, rows, &mut template.samples),
         }
-        match illumination {
-            Illumination::None => normal_equations::<false, false>(template),
-            Illumination::Offset => normal_equations::<true, false>(template),
-            Illumination::GainOffset => normal_equations::<true, true>(template),
-        }
+        let region = Region {
+            data: &template.samples,
+            stride: blocks * LANES,
+        };
+        (template.level, template.sums) = differentiate::<L>(region, window, &mut template.cells);
+        self.centre
     }
 }
 
-/// One row of the filter along x, at eight columns.
-#[inline(always)]
-fn across<const SPLINE: bool>(row: &[f32], weights: &[Lanes; TAPS]) -> Lanes {
-    let inner = Lanes::load(&row[1..]) * weights[1] + Lanes::load(&row[2..]) * weights[2];
-    if SPLINE {
-        inner + (Lanes::load(row) * weights[0] + Lanes::load(&row[3..]) * weights[3])
-    } else {
-        inner
-    }
-}
-
-/// The filter along y over four filtered rows.
-#[inline(always)]
-fn down<const SPLINE: bool>(rows: &[Lanes; TAPS], weights: &[Lanes; TAPS]) -> Lanes {
-    let inner = rows[1] * weights[1] + rows[2] * weights[2];
-    if SPLINE {
-        inner + (rows[0] * weights[0] + rows[3] * weights[3])
-    } else {
-        inner
-    }
-}
-
-/// Call `visit(row, sample)` for each of `rows` rows of the lanes from `column` on.
-#[inline(always)]
-fn sample_column<const SPLINE: bool>(
-    region: Region<'_>,
+/// Eight columns of a region, filtered by the spline row by row from the top.
+struct Spline<'a, L> {
+    region: Region<'a>,
     column: usize,
-    rows: usize,
-    wx: &[Lanes; TAPS],
-    wy: &[Lanes; TAPS],
-    mut visit: impl FnMut(usize, Lanes),
-) {
-    let mut filtered = [Lanes::ZERO; TAPS];
-    for (row, lanes) in filtered[..TAPS - 1].iter_mut().enumerate() {
-        if SPLINE || row > 0 {
-            *lanes = across::<SPLINE>(region.from(row, column), wx);
-        }
-    }
-    for row in 0..rows {
-        // Without the spline the fourth row has no weight, and the third is the newest.
-        if SPLINE {
-            filtered[3] = across::<SPLINE>(region.from(row + 3, column), wx);
-        } else {
-            filtered[2] = across::<SPLINE>(region.from(row + 2, column), wx);
-        }
-        visit(row, down::<SPLINE>(&filtered, wy));
-        if SPLINE {
-            filtered = [filtered[1], filtered[2], filtered[3], Lanes::ZERO];
-        } else {
-            filtered[1] = filtered[2];
-        }
-    }
+    /// The rows above the newest, filtered along x, the newest last.
+    rows: [L; SPLINE_TAPS - 1],
 }
 
-#[inline(always)]
-fn splat_all(weights: [f32; TAPS]) -> [Lanes; TAPS] {
-    let [a, b, c, d] = weights;
-    [
-        Lanes::splat(a),
-        Lanes::splat(b),
-        Lanes::splat(c),
-        Lanes::splat(d),
-    ]
-}
+impl<'a, L: Eight> Spline<'a, L> {
+    #[inline(always)]
+    fn new(region: Region<'a>, column: usize, wx: &[L; SPLINE_TAPS]) -> Self {
+        Self {
+            region,
+            column,
+            rows: [
+                Self::across(region, 0, column, wx),
+                Self::across(region, 1, column, wx),
+                Self::across(region, 2, column, wx),
+            ],
+        }
+    }
 
-#[inline(always)]
-fn sample<const SPLINE: bool>(
-    region: Region<'_>,
-    wx: [f32; TAPS],
-    wy: [f32; TAPS],
-    blocks: usize,
-    rows: usize,
-    samples: &mut [f32],
-) {
-    let (wx, wy) = (splat_all(wx), splat_all(wy));
-    for block in 0..blocks {
-        let column = block * LANES;
-        sample_column::<SPLINE>(region, column, rows, &wx, &wy, |row, value| {
-            value.store(&mut samples[row * blocks * LANES + column..]);
-        });
+    #[inline(always)]
+    fn across(region: Region<'a>, row: usize, column: usize, w: &[L; SPLINE_TAPS]) -> L {
+        let row: &[f32; LANES + SPLINE_TAPS - 1] = region.reach(row, column);
+        (L::load(row, 1) * w[1] + L::load(row, 2) * w[2])
+            + (L::load(row, 0) * w[0] + L::load(row, 3) * w[3])
+    }
+
+    /// The samples of `row`; rows come in order.
+    #[inline(always)]
+    fn sample(&mut self, row: usize, wx: &[L; SPLINE_TAPS], wy: &[L; SPLINE_TAPS]) -> L {
+        let [a, b, c] = self.rows;
+        let newest = Self::across(self.region, row + 3, self.column, wx);
+        self.rows = [b, c, newest];
+        (b * wy[1] + c * wy[2]) + (a * wy[0] + newest * wy[3])
     }
 }
 
-/// Gradients by central differences, the part of them that the lighting model explains taken out, and their sums.
+/// Fill `cells` with grey levels and their gradients by central differences, and sum them.
 ///
 /// Central differences of the samples, not the derivative of the spline: the noise of a pixel is then uncorrelated
 /// with the noise of the gradient there, at every sub-pixel offset, and cannot pull the solution.
 #[inline(always)]
-fn normal_equations<const OFFSET: bool, const GAIN: bool>(template: &mut Template) {
-    let window = template.window;
-    let blocks = window.blocks();
-    let stride = blocks * LANES;
-    let wide = (window.width + 2).div_ceil(LANES) * LANES;
-    let half = Lanes::splat(0.5);
-    let [gradient_x, gradient_y] = &mut template.gradient;
-    let mut sums = [Lanes::ZERO; 3];
+fn differentiate<L: Eight>(
+    region: Region<'_>,
+    window: Window,
+    cells: &mut [Cell],
+) -> (f32, TemplateSums) {
+    let (blocks, height) = (window.blocks(), window.height);
+    // Grey levels from that of the middle: sums of their squares then keep their digits.
+    let level = region.reach::<1>(height / 2 + 1, window.width / 2 + 1)[0];
+    let (half, base) = (L::splat(0.5), L::splat(level));
+    let (mut plain, mut with_x, mut with_y) = ([L::zero(); 3], [L::zero(); 3], [L::zero(); 3]);
+    let (mut products, mut lagged) = ([L::zero(); 6], [L::zero(); 2]);
     for block in 0..blocks {
-        let mask = LaneMask::first(window.width - block * LANES);
-        for row in 0..window.height {
-            let at = row * stride + block * LANES;
-            let above = &template.samples[row * wide + block * LANES..];
-            let here = &above[wide..];
-            let below = &here[wide..];
-            let a = Lanes::load(&here[1..]).keep(mask);
-            let gx = ((Lanes::load(&here[2..]) - Lanes::load(here)) * half).keep(mask);
-            let gy = ((Lanes::load(&below[1..]) - Lanes::load(&above[1..])) * half).keep(mask);
-            a.store(&mut template.intensity[at..]);
-            gx.store(&mut gradient_x[at..]);
-            gy.store(&mut gradient_y[at..]);
-            sums[0] += a;
-            sums[1] += gx;
-            sums[2] += gy;
-        }
-    }
-    let area = window.area();
-    let mean = sums.map(|sum| sum.sum() / area);
-    let mean_a = Lanes::splat(mean[0]);
-    let (mean_x, mean_y) = if OFFSET {
-        (Lanes::splat(mean[1]), Lanes::splat(mean[2]))
-    } else {
-        (Lanes::ZERO, Lanes::ZERO)
-    };
-    let mut products = [Lanes::ZERO; 6];
-    for block in 0..blocks {
-        let mask = LaneMask::first(window.width - block * LANES);
-        for row in 0..window.height {
-            let at = row * stride + block * LANES;
-            let a = (Lanes::load(&template.intensity[at..]) - mean_a).keep(mask);
-            let gx = (Lanes::load(&gradient_x[at..]) - mean_x).keep(mask);
-            let gy = (Lanes::load(&gradient_y[at..]) - mean_y).keep(mask);
-            a.store(&mut template.intensity[at..]);
-            gx.store(&mut gradient_x[at..]);
-            gy.store(&mut gradient_y[at..]);
+        let at = block * LANES;
+        let mask = L::unpack(&Packed::first(window.width - at));
+        let mut last = [L::zero(); 2];
+        let mut column = [L::zero(); 3];
+        let mut y = L::splat(-window.half()[1]);
+        let mut above = L::load(region.reach::<LANES>(0, at + 1), 0);
+        let mut here = L::load(region.reach::<LANES>(1, at + 1), 0);
+        for (row, cell) in cells[block * height..][..height].iter_mut().enumerate() {
+            let sides: &[f32; LANES + 2] = region.reach(row + 1, at);
+            let below = L::load(region.reach::<LANES>(row + 2, at + 1), 0);
+            let a = (here - base).keep(mask);
+            let gx = ((L::load(sides, 2) - L::load(sides, 0)) * half).keep(mask);
+            let gy = ((below - above) * half).keep(mask);
+            *cell = Cell {
+                prev: here.pack(),
+                gradient: [gx.pack(), gy.pack()],
+            };
+            (above, here) = (here, below);
+            column[0] += a;
+            column[1] += gx;
+            column[2] += gy;
+            with_y[0] += a * y;
+            with_y[1] += gx * y;
+            with_y[2] += gy * y;
+            y += L::splat(1.0);
+            lagged[0] += gx * last[0];
+            lagged[1] += gy * last[1];
+            last = [gx, gy];
             products[0] += a * a;
             products[1] += a * gx;
             products[2] += a * gy;
@@ -374,29 +407,20 @@ fn normal_equations<const OFFSET: bool, const GAIN: bool>(template: &mut Templat
             products[4] += gx * gy;
             products[5] += gy * gy;
         }
-    }
-    let products = products.map(|lanes| f64::from(lanes.sum()));
-    template.intensity_sums = [products[0], products[1], products[2]];
-    template.tensor = [products[3], products[4], products[5]];
-    if GAIN && products[0] > 0.0 {
-        let slope_x = Lanes::splat((products[1] / products[0]) as f32);
-        let slope_y = Lanes::splat((products[2] / products[0]) as f32);
-        let mut tensor = [Lanes::ZERO; 3];
-        for block in 0..blocks {
-            for row in 0..window.height {
-                let at = row * stride + block * LANES;
-                let a = Lanes::load(&template.intensity[at..]);
-                let gx = Lanes::load(&gradient_x[at..]) - a * slope_x;
-                let gy = Lanes::load(&gradient_y[at..]) - a * slope_y;
-                gx.store(&mut gradient_x[at..]);
-                gy.store(&mut gradient_y[at..]);
-                tensor[0] += gx * gx;
-                tensor[1] += gx * gy;
-                tensor[2] += gy * gy;
-            }
+        let x = window.block_x::<L>(block);
+        for index in 0..3 {
+            plain[index] += column[index];
+            with_x[index] += column[index] * x;
         }
-        template.tensor = tensor.map(|lanes| f64::from(lanes.sum()));
     }
+    let sums = TemplateSums {
+        plain: plain.map(|lanes| lanes.sum()),
+        with_x: with_x.map(|lanes| lanes.sum()),
+        with_y: with_y.map(|lanes| lanes.sum()),
+        products: products.map(|lanes| lanes.sum()),
+        lagged: lagged.map(|lanes| lanes.sum()),
+    };
+    (level, sums)
 }
 
 /// Compare a [`Template`] with `next` around `centre`.
@@ -407,57 +431,130 @@ pub(crate) struct Compare<'a> {
     pub(crate) scratch: &'a mut BorderScratch,
 }
 
-impl Kernel for Compare<'_> {
+impl EightKernel for Compare<'_> {
     type Output = Sums;
 
     #[inline(always)]
-    fn run(self) -> Sums {
-        match self.template.sampling {
-            Sampling::Linear => compare::<false>(self),
-            Sampling::Spline => compare::<true>(self),
+    fn run<L: Eight>(self) -> Sums {
+        let template = self.template;
+        let window = template.window;
+        let half = window.half();
+        let (x, fx) = split(self.centre[0] - half[0]);
+        let (y, fy) = split(self.centre[1] - half[1]);
+        let (blocks, height) = (window.blocks(), window.height);
+        let mut sums = DifferenceSums::<L>::new(template.level);
+        if template.sampling == Sampling::Linear {
+            let region = region(
+                self.next,
+                (x, y),
+                window.width + 1,
+                height + 1,
+                self.scratch,
+            );
+            let (wx, wy) = (
+                [L::splat(1.0 - fx), L::splat(fx)],
+                [L::splat(1.0 - fy), L::splat(fy)],
+            );
+            for block in 0..blocks {
+                let at = block * LANES;
+                let mask = L::unpack(&Packed::first(window.width - at));
+                let mut above = linear(region.reach(0, at), &wx);
+                let (mut column, mut y) = (L::zero(), L::splat(-half[1]));
+                for (row, cell) in template.cells[block * height..][..height]
+                    .iter()
+                    .enumerate()
+                {
+                    let below = linear(region.reach(row + 1, at), &wx);
+                    let value = above * wy[0] + below * wy[1];
+                    above = below;
+                    sums.add(value, cell, mask, &mut column, &mut y);
+                }
+                sums.close(column, window.block_x(block));
+            }
+        } else {
+            let region = region(
+                self.next,
+                (x - SPLINE_BEFORE, y - SPLINE_BEFORE),
+                window.width + SPLINE_TAPS - 1,
+                height + SPLINE_TAPS - 1,
+                self.scratch,
+            );
+            let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
+            for block in 0..blocks {
+                let at = block * LANES;
+                let mask = L::unpack(&Packed::first(window.width - at));
+                let mut samples = Spline::new(region, at, &wx);
+                let (mut column, mut y) = (L::zero(), L::splat(-half[1]));
+                for (row, cell) in template.cells[block * height..][..height]
+                    .iter()
+                    .enumerate()
+                {
+                    let value = samples.sample(row, &wx, &wy);
+                    sums.add(value, cell, mask, &mut column, &mut y);
+                }
+                sums.close(column, window.block_x(block));
+            }
         }
+        sums.finish()
     }
 }
 
+/// One row of linear interpolation along x.
 #[inline(always)]
-fn compare<const SPLINE: bool>(job: Compare<'_>) -> Sums {
-    let template = job.template;
-    let window = template.window;
-    let half = window.half();
-    let (x, fx) = split(job.centre[0] - half[0]);
-    let (y, fy) = split(job.centre[1] - half[1]);
-    let blocks = window.blocks();
-    let stride = blocks * LANES;
-    let wide = (window.width + 2).div_ceil(LANES) * LANES;
-    let region = region(
-        job.next,
-        (x - BEFORE, y - BEFORE),
-        stride + TAPS - 1,
-        window.height + TAPS - 1,
-        job.scratch,
-    );
-    let wx = splat_all(template.sampling.weights(fx));
-    let wy = splat_all(template.sampling.weights(fy));
-    let mut sums = [Lanes::ZERO; 5];
-    for block in 0..blocks {
-        let column = block * LANES;
-        let mask = LaneMask::first(window.width - column);
-        sample_column::<SPLINE>(region, column, window.height, &wx, &wy, |row, value| {
-            let at = row * stride + column;
-            let prev = Lanes::load(&template.samples[(row + 1) * wide + column + 1..]);
-            let d = (value - prev).keep(mask);
-            sums[0] += d * Lanes::load(&template.gradient[0][at..]);
-            sums[1] += d * Lanes::load(&template.gradient[1][at..]);
-            sums[2] += d * Lanes::load(&template.intensity[at..]);
-            sums[3] += d;
-            sums[4] += d * d;
-        });
+fn linear<L: Eight>(row: &[f32; LANES + 1], wx: &[L; 2]) -> L {
+    L::load(row, 0) * wx[0] + L::load(row, 1) * wx[1]
+}
+
+/// [`Sums`] as they grow.
+struct DifferenceSums<L> {
+    level: L,
+    products: [L; 3],
+    plain: L,
+    tilt: [L; 2],
+    squared: L,
+}
+
+impl<L: Eight> DifferenceSums<L> {
+    #[inline(always)]
+    fn new(level: f32) -> Self {
+        Self {
+            level: L::splat(level),
+            products: [L::zero(); 3],
+            plain: L::zero(),
+            tilt: [L::zero(); 2],
+            squared: L::zero(),
+        }
     }
-    let [gx, gy, intensity, plain, squared] = sums.map(|lanes| f64::from(lanes.sum()));
-    Sums {
-        gradient: [gx, gy],
-        intensity,
-        plain,
-        squared,
+
+    /// Add eight pixels of a row, of `next` and of the template.
+    #[inline(always)]
+    fn add(&mut self, value: L, cell: &Cell, mask: L, column: &mut L, y: &mut L) {
+        let prev = L::unpack(&cell.prev);
+        let d = (value - prev).keep(mask);
+        self.products[0] += d * (prev - self.level);
+        self.products[1] += d * L::unpack(&cell.gradient[0]);
+        self.products[2] += d * L::unpack(&cell.gradient[1]);
+        self.squared += d * d;
+        self.tilt[1] += d * *y;
+        *column += d;
+        *y += L::splat(1.0);
+    }
+
+    /// Take in the plain sum of a column of lanes with these x coordinates.
+    #[inline(always)]
+    fn close(&mut self, column: L, x: L) {
+        self.plain += column;
+        self.tilt[0] += column * x;
+    }
+
+    #[inline(always)]
+    fn finish(self) -> Sums {
+        let [a, x, y] = self.products;
+        Sums {
+            products: [a.sum(), x.sum(), y.sum()],
+            plain: self.plain.sum(),
+            tilt: [self.tilt[0].sum(), self.tilt[1].sum()],
+            squared: self.squared.sum(),
+        }
     }
 }

@@ -1,8 +1,8 @@
 //! One point: down the levels, and the judgement of what was found.
 
 use crate::frame::Plane;
-use crate::illumination::Illumination;
-use crate::simd::{Level, dispatch};
+use crate::simd::{Level, dispatch_eight};
+use crate::track::normal::{GAIN_RANGE, Normal, Step};
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
 use crate::track::patch::{
     BorderScratch, BuildTemplate, Compare, Sampling, Sums, Template, Window,
@@ -17,14 +17,14 @@ const COARSE_ITERATIONS: usize = 8;
 /// Steps cannot be trusted to shrink faster than by this factor, however the last two compare.
 const LEAST_FACTOR: f64 = 0.2;
 
-/// Gains beyond which two windows are not the same thing in another light.
-const GAIN_RANGE: (f64, f64) = (0.25, 4.0);
-
 /// Variance left in the difference, as a share of the window's own, beyond which two windows do not match.
 const MAX_UNEXPLAINED: f64 = 0.25;
 
 /// Standard deviation of a position, in pixels along its worst direction, beyond which a window has no texture.
 const MAX_DEVIATION: f64 = 0.5;
+
+/// The coarsest level of a second try: its starts are right to a few pixels.
+const RETRY_LEVEL: usize = 3;
 
 /// Memory of one thread.
 #[derive(Debug)]
@@ -64,15 +64,6 @@ struct Fit {
     gain: f64,
 }
 
-/// One step of the least squares.
-#[derive(Debug, Clone, Copy)]
-struct Step {
-    by: [f64; 2],
-    gain: f64,
-    /// Sum of squares that is left after the step.
-    left: f64,
-}
-
 impl Problem<'_> {
     /// Track `point`, starting from the displacement `start`.
     pub(crate) fn track(
@@ -87,15 +78,54 @@ impl Problem<'_> {
         if !inside(&self.prev[0], point) {
             return TrackedPoint::lost(PointStatus::OutOfFrame);
         }
-        let fit = match self.follow(self.prev, self.next, point, start, workspace) {
-            Ok(fit) => fit,
-            Err(status) => return TrackedPoint::lost(status),
+        let top = self.prev.len() - 1;
+        let guess = start.map(f64::from);
+        match self.follow(self.prev, self.next, point, guess, top, workspace) {
+            Ok(fit) => self.conclude(point, guess, top, &fit, workspace),
+            Err(status) => TrackedPoint::lost(status),
+        }
+    }
+
+    /// Track `point` from the best of these displacements, which hold on the level `top`.
+    pub(crate) fn retrack(
+        &self,
+        point: [f32; 2],
+        candidates: &[[f64; 2]],
+        top: usize,
+        workspace: &mut Workspace,
+    ) -> TrackedPoint {
+        let top = top.clamp(1, RETRY_LEVEL).min(self.prev.len() - 1);
+        let mut best: Option<(f64, [f64; 2], [f64; 2])> = None;
+        for guess in candidates {
+            let (found, unexplained) =
+                self.descend(self.prev, self.next, point, *guess, top, workspace);
+            if best.is_none_or(|(least, ..)| unexplained < least) {
+                best = Some((unexplained, found, *guess));
+            }
+        }
+        let Some((_, found, guess)) = best else {
+            return TrackedPoint::lost(PointStatus::HighResidual);
         };
+        match self.fine(&self.prev[0], &self.next[0], point, found, workspace) {
+            Ok(fit) => self.conclude(point, guess, top, &fit, workspace),
+            Err(status) => TrackedPoint::lost(status),
+        }
+    }
+
+    /// Judge what was found for `point` from the displacement `guess` on the level `top`.
+    fn conclude(
+        &self,
+        point: [f32; 2],
+        guess: [f64; 2],
+        top: usize,
+        fit: &Fit,
+        workspace: &mut Workspace,
+    ) -> TrackedPoint {
         let position = [
             (f64::from(point[0]) + fit.displacement[0]) as f32,
             (f64::from(point[1]) + fit.displacement[1]) as f32,
         ];
-        if let Err(status) = self.judge(&fit, position) {
+        if let Err(status) = self.judge(fit, position) {
             return TrackedPoint {
                 residual: fit.variance.sqrt() as f32,
                 ..TrackedPoint::lost(status)
@@ -107,7 +137,8 @@ impl Problem<'_> {
                 self.next,
                 self.prev,
                 position,
-                start.map(|component| -component),
+                guess.map(|component| -component),
+                top,
                 workspace,
             );
             if let Ok(back) = back {
@@ -156,29 +187,49 @@ impl Problem<'_> {
         Ok(())
     }
 
-    /// The displacement of the window around `point` from `from` to `to`, down all levels.
+    /// The displacement of the window around `point` from `from` to `to`, from the level `top` down.
     fn follow(
         &self,
         from: &[Plane],
         to: &[Plane],
         point: [f32; 2],
-        start: [f32; 2],
+        guess: [f64; 2],
+        top: usize,
         workspace: &mut Workspace,
     ) -> Result<Fit, PointStatus> {
-        let levels = from.len().min(to.len());
-        let mut displacement = start.map(f64::from);
-        for level in (1..levels).rev() {
-            let scale = 1.0 / f64::from(1u32 << level);
-            let guess = displacement.map(|component| component * scale);
-            let centre = point.map(|coordinate| coordinate * scale as f32);
-            if let Some(found) = self.coarse(&from[level], &to[level], centre, guess, workspace) {
-                displacement = found.map(|component| component / scale);
-            }
-        }
+        let (displacement, _) = self.descend(from, to, point, guess, top, workspace);
         self.fine(&from[0], &to[0], point, displacement, workspace)
     }
 
-    /// A rough displacement on a coarse level, if the window has one to offer.
+    /// The displacement after the coarse levels from `top` down, and the share of the window's variance that it leaves
+    /// unexplained on the last of them.
+    fn descend(
+        &self,
+        from: &[Plane],
+        to: &[Plane],
+        point: [f32; 2],
+        guess: [f64; 2],
+        top: usize,
+        workspace: &mut Workspace,
+    ) -> ([f64; 2], f64) {
+        let mut displacement = guess;
+        let mut unexplained = f64::INFINITY;
+        for level in (1..=top).rev() {
+            let scale = 1.0 / f64::from(1u32 << level);
+            let guess = displacement.map(|component| component * scale);
+            let centre = point.map(|coordinate| coordinate * scale as f32);
+            unexplained = f64::INFINITY;
+            if let Some((found, left)) =
+                self.coarse(&from[level], &to[level], centre, guess, workspace)
+            {
+                displacement = found.map(|component| component / scale);
+                unexplained = left;
+            }
+        }
+        (displacement, unexplained)
+    }
+
+    /// A rough displacement on a coarse level, if the window has one to offer, and what it leaves unexplained.
     fn coarse(
         &self,
         from: &Plane,
@@ -186,28 +237,32 @@ impl Problem<'_> {
         centre: [f32; 2],
         guess: [f64; 2],
         workspace: &mut Workspace,
-    ) -> Option<[f64; 2]> {
-        let window = self.options.window;
-        self.build(from, centre, Sampling::Linear, workspace);
-        let normal = Normal::new(&workspace.template, window, self.options.illumination)?;
+    ) -> Option<([f64; 2], f64)> {
+        let window = coarse_window(self.options.window);
+        let centre = self.build(from, centre, window, Sampling::Linear, workspace);
+        let normal = Normal::new(&workspace.template, self.options.illumination, false)?;
         let reach = f64::from(window.half()[0].max(window.half()[1])) + 1.0;
         let mut displacement = guess;
         let mut last = f64::INFINITY;
-        for _ in 0..COARSE_ITERATIONS.min(self.options.max_iterations) {
+        let iterations = COARSE_ITERATIONS.min(self.options.max_iterations);
+        for iteration in 1..=iterations {
             let sums = self.compare(to, centre, displacement, workspace)?;
             let step = normal.step(&sums);
-            let length = step.by[0].hypot(step.by[1]);
+            let size = length(step.by);
             displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
-            let moved = (displacement[0] - guess[0]).hypot(displacement[1] - guess[1]);
+            let moved = length([displacement[0] - guess[0], displacement[1] - guess[1]]);
             if moved > reach || moved.is_nan() {
                 return None;
             }
-            if length < COARSE_EPSILON || length * length < COARSE_EPSILON * last {
-                return Some(displacement);
+            if size < COARSE_EPSILON
+                || size * size < COARSE_EPSILON * last
+                || iteration == iterations
+            {
+                return Some((displacement, normal.variance(&step) / normal.signal(&step)));
             }
-            last = length;
+            last = size;
         }
-        Some(displacement)
+        None
     }
 
     /// The displacement on the finest level, and how well it fits.
@@ -220,17 +275,12 @@ impl Problem<'_> {
         workspace: &mut Workspace,
     ) -> Result<Fit, PointStatus> {
         let window = self.options.window;
-        self.build(from, centre, Sampling::Spline, workspace);
+        self.build(from, centre, window, Sampling::Spline, workspace);
         let template = &workspace.template;
-        if !template
-            .tensor
-            .iter()
-            .chain(&template.intensity_sums)
-            .all(|sum| sum.is_finite())
-        {
+        if !template.sums.products.iter().all(|sum| sum.is_finite()) {
             return Err(PointStatus::NotFinite);
         }
-        let normal = Normal::new(template, window, self.options.illumination)
+        let normal = Normal::new(template, self.options.illumination, true)
             .ok_or(PointStatus::LowTexture)?;
         let epsilon = f64::from(self.options.epsilon);
         let mut displacement = guess;
@@ -243,31 +293,38 @@ impl Problem<'_> {
                 return Err(PointStatus::NotFinite);
             }
             let step = normal.step(&sums);
-            let length = step.by[0].hypot(step.by[1]);
+            let size = length(step.by);
             displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
             // Steps shrink by a steady factor, so this is how far the rest of them would lead.
-            let factor = (length / last).max(LEAST_FACTOR);
-            if factor < 1.0 && length * factor / (1.0 - factor) < 0.5 * epsilon {
-                return Ok(normal.fit(displacement, &step));
+            let factor = (size / last).max(LEAST_FACTOR);
+            if factor < 1.0 && size * factor / (1.0 - factor) < 0.5 * epsilon {
+                return Ok(Fit::new(&normal, &step, displacement));
             }
-            last = length;
+            last = size;
         }
         Err(PointStatus::NotConverged)
     }
 
-    fn build(&self, from: &Plane, centre: [f32; 2], sampling: Sampling, workspace: &mut Workspace) {
-        dispatch(
+    /// Build the template; where its centre is.
+    fn build(
+        &self,
+        from: &Plane,
+        centre: [f32; 2],
+        window: Window,
+        sampling: Sampling,
+        workspace: &mut Workspace,
+    ) -> [f32; 2] {
+        dispatch_eight(
             self.level,
             BuildTemplate {
                 template: &mut workspace.template,
                 prev: from,
                 centre,
-                window: self.options.window,
+                window,
                 sampling,
-                illumination: self.options.illumination,
                 scratch: &mut workspace.scratch,
             },
-        );
+        )
     }
 
     /// The sums at `displacement`, unless the window has left the frame there.
@@ -282,13 +339,13 @@ impl Problem<'_> {
             (f64::from(centre[0]) + displacement[0]) as f32,
             (f64::from(centre[1]) + displacement[1]) as f32,
         ];
-        let half = self.options.window.half();
+        let half = workspace.template.window.half();
         let near = at[0] >= -half[0]
             && at[1] >= -half[1]
             && at[0] <= to.width() as f32 - 1.0 + half[0]
             && at[1] <= to.height() as f32 - 1.0 + half[1];
         near.then(|| {
-            dispatch(
+            dispatch_eight(
                 self.level,
                 Compare {
                     template: &workspace.template,
@@ -301,82 +358,51 @@ impl Problem<'_> {
     }
 }
 
-fn inside(plane: &Plane, [x, y]: [f32; 2]) -> bool {
-    x >= 0.0 && y >= 0.0 && x <= plane.width() as f32 - 1.0 && y <= plane.height() as f32 - 1.0
-}
-
-/// The normal equations of one template, inverted.
-#[derive(Debug, Clone, Copy)]
-struct Normal {
-    illumination: Illumination,
-    area: f64,
-    /// The inverse of the gradients' tensor: xx, xy, yy.
-    inverse: [f64; 3],
-    /// Sums of the squared intensity, and of its products with the gradients.
-    intensity: [f64; 3],
-}
-
-impl Normal {
-    /// `None` if the window's texture does not fix a displacement at all.
-    fn new(template: &Template, window: Window, illumination: Illumination) -> Option<Self> {
-        let [xx, xy, yy] = template.tensor;
-        let determinant = xx * yy - xy * xy;
-        let trace = xx + yy;
-        // Beyond this condition single precision has no digit left for the weak direction.
-        if determinant <= 1e-10 * trace * trace || determinant.is_nan() {
-            return None;
-        }
-        Some(Self {
-            illumination,
-            area: f64::from(window.area()),
-            inverse: [yy / determinant, -xy / determinant, xx / determinant],
-            intensity: template.intensity_sums,
-        })
-    }
-
-    fn times_inverse(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let [xx, xy, yy] = self.inverse;
-        [xx * x + xy * y, xy * x + yy * y]
-    }
-
-    /// The step for these sums. With d = next - prev, motion by s and a gain g and an offset in the light,
-    /// d = (g - 1) a + offset - g grad(a).s, and the gradients hold nothing that a or a constant explains.
-    fn step(&self, sums: &Sums) -> Step {
-        let scaled = self
-            .times_inverse(sums.gradient)
-            .map(|component| -component);
-        let mut left = sums.squared + scaled[0] * sums.gradient[0] + scaled[1] * sums.gradient[1];
-        let mut gain = 1.0;
-        if self.illumination != Illumination::None {
-            left -= sums.plain * sums.plain / self.area;
-        }
-        let [aa, ax, ay] = self.intensity;
-        if self.illumination == Illumination::GainOffset && aa > 0.0 {
-            left -= sums.intensity * sums.intensity / aa;
-            gain += (sums.intensity + scaled[0] * ax + scaled[1] * ay) / aa;
-        }
-        let usable = gain.clamp(GAIN_RANGE.0, GAIN_RANGE.1);
-        Step {
-            by: scaled.map(|component| component / usable),
-            gain,
-            left: left.max(0.0),
-        }
-    }
-
-    fn fit(&self, displacement: [f64; 2], step: &Step) -> Fit {
-        let unknowns = match self.illumination {
-            Illumination::None => 2.0,
-            Illumination::Offset => 3.0,
-            Illumination::GainOffset => 4.0,
-        };
-        let variance = step.left / (self.area - unknowns).max(1.0);
-        let gain = step.gain;
-        Fit {
+impl Fit {
+    fn new(normal: &Normal, step: &Step, displacement: [f64; 2]) -> Self {
+        let variance = normal.variance(step);
+        Self {
             displacement,
             variance,
-            signal: gain * gain * self.intensity[0] / self.area,
-            covariance: self.inverse.map(|entry| entry * variance / (gain * gain)),
-            gain,
+            signal: normal.signal(step),
+            covariance: normal.unit_covariance(step).map(|entry| entry * variance),
+            gain: step.gain,
         }
     }
+}
+
+/// The window of coarse levels, which only lead to the finest: about two thirds of it, and even, so that it and the
+/// pixels on both sides fill whole lanes.
+fn coarse_window(window: Window) -> Window {
+    let side = |pixels: usize| {
+        if pixels <= 14 {
+            pixels
+        } else {
+            (pixels * 2 / 3).next_multiple_of(8) - 2
+        }
+    };
+    Window {
+        width: side(window.width),
+        height: side(window.height),
+    }
+}
+
+fn length([x, y]: [f64; 2]) -> f64 {
+    (x * x + y * y).sqrt()
+}
+
+impl Problem<'_> {
+    /// Width and height of the frames.
+    pub(crate) fn size(&self) -> (usize, usize) {
+        (self.prev[0].width(), self.prev[0].height())
+    }
+
+    /// Whether `point` is inside of the frame.
+    pub(crate) fn holds(&self, point: [f32; 2]) -> bool {
+        inside(&self.prev[0], point)
+    }
+}
+
+fn inside(plane: &Plane, [x, y]: [f32; 2]) -> bool {
+    x >= 0.0 && y >= 0.0 && x <= plane.width() as f32 - 1.0 && y <= plane.height() as f32 - 1.0
 }

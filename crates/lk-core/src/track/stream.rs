@@ -7,7 +7,8 @@ use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel};
 use crate::pyramid::Pyramid;
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
-use crate::track::{masked, track_pyramids};
+use crate::track::retry::Memory;
+use crate::track::{Guesses, masked, track_keeping};
 
 /// Share of the points that must be lost at once for a scene cut: a point that seems to survive one is chance.
 const CUT_SHARE: f32 = 0.8;
@@ -61,6 +62,7 @@ pub struct PointTracker {
     alive: Vec<Alive>,
     points: Vec<[f32; 2]>,
     tracks: Vec<TrackedPoint>,
+    memory: Memory,
     rows: Vec<StreamPoint>,
     occupied: Vec<bool>,
     next_id: u64,
@@ -87,6 +89,7 @@ impl PointTracker {
             alive: Vec::new(),
             points: Vec::new(),
             tracks: Vec::new(),
+            memory: Memory::default(),
             rows: Vec::new(),
             occupied: Vec::new(),
             next_id: 0,
@@ -145,13 +148,16 @@ impl PointTracker {
         let levels = self.options.levels_for(width, height);
         self.next.rebuild(frame, levels, &self.options.execution)?;
         if self.size.is_some() {
-            track_pyramids(
+            track_keeping(
                 &self.prev,
                 &self.next,
                 &self.points,
-                None,
-                mask,
+                Guesses {
+                    initial: None,
+                    mask,
+                },
                 &self.options,
+                &mut self.memory,
                 &mut self.tracks,
             )?;
         } else {

@@ -1,0 +1,188 @@
+//! The normal equations of one window, with the lighting model taken out of the sums.
+//!
+//! With d = next - prev, motion by s, and light that changes by a gain g and an offset that varies linearly over the
+//! window, d = (g - 1) a + offset - g grad(a).s. The unknowns of the light are eliminated in closed form, so that a
+//! step is one 2 x 2 solve under every model.
+
+use crate::illumination::Illumination;
+use crate::track::patch::{Sums, Template};
+
+/// Gains beyond which two windows are not the same thing in another light.
+pub(crate) const GAIN_RANGE: (f64, f64) = (0.25, 4.0);
+
+/// Share of the gradients' energy along the weak direction below which single precision has no digit left for it.
+const LEAST_SHARE: f64 = 1e-5;
+
+/// Correlation of the noise of two samples one and two pixels apart along an axis: the cubic B-spline's weights at a
+/// whole pixel, 1/6, 4/6 and 1/6, correlated with themselves.
+const NOISE_CORRELATION: [f64; 2] = [4.0 / 9.0, 1.0 / 18.0];
+
+/// The normal equations of one template, inverted.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Normal {
+    gain: bool,
+    offset: bool,
+    tilt: bool,
+    area: f64,
+    moments: [f64; 2],
+    /// Of the intensity and both gradients: mean, and slopes along x and y.
+    mean: [f64; 3],
+    slopes: [[f64; 3]; 2],
+    /// The part of the intensity in both gradients.
+    part: [f64; 2],
+    /// Sum of the squared intensity, and of its products with the gradients.
+    intensity: [f64; 3],
+    /// By how much the noise of a sum over the window exceeds that of as many independent pixels.
+    inflation: f64,
+    /// The inverse of the structure tensor, summed over the window: xx, xy, yy.
+    inverse: [f64; 3],
+}
+
+/// One step of the least squares.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Step {
+    pub(crate) by: [f64; 2],
+    pub(crate) gain: f64,
+    /// Sum of squares that is left after the step.
+    pub(crate) left: f64,
+}
+
+impl Normal {
+    /// `None` if the window's texture does not fix a displacement at all, or holds a NaN. With `tilt` an offset may
+    /// vary linearly over the window, where the model has a gain.
+    pub(crate) fn new(template: &Template, illumination: Illumination, tilt: bool) -> Option<Self> {
+        let offset = illumination != Illumination::None;
+        let gain = illumination == Illumination::GainOffset;
+        let tilt = tilt && gain;
+        let area = template.window.area();
+        let moments = template.window.moments();
+        let sums = &template.sums;
+        let mut products = sums.products;
+        let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+        for (product, (i, j)) in products.iter_mut().zip(pairs) {
+            if offset {
+                *product -= sums.plain[i] * sums.plain[j] / area;
+            }
+            if tilt {
+                *product -= sums.with_x[i] * sums.with_x[j] / moments[0];
+                *product -= sums.with_y[i] * sums.with_y[j] / moments[1];
+            }
+        }
+        let [aa, ax, ay, mut xx, mut xy, mut yy] = products;
+        // A window without contrast has no gain to speak of.
+        let gain = gain && aa > LEAST_SHARE * sums.products[0];
+        let mut part = [0.0; 2];
+        if gain {
+            part = [ax / aa, ay / aa];
+            xx -= ax * part[0];
+            xy -= ax * part[1];
+            yy -= ay * part[1];
+        }
+        let determinant = xx * yy - xy * xy;
+        let weakest = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
+        let energy = sums.products[3] + sums.products[5];
+        if !(determinant > 0.0 && weakest > LEAST_SHARE * energy && energy.is_finite()) {
+            return None;
+        }
+        Some(Self {
+            gain,
+            offset,
+            tilt,
+            area,
+            moments,
+            mean: sums.plain.map(|sum| sum / area),
+            slopes: [
+                sums.with_x.map(|sum| sum / moments[0]),
+                sums.with_y.map(|sum| sum / moments[1]),
+            ],
+            part,
+            intensity: [aa.max(0.0), ax, ay],
+            inflation: inflation(template),
+            inverse: [yy / determinant, -xy / determinant, xx / determinant],
+        })
+    }
+
+    /// The step for these sums.
+    pub(crate) fn step(&self, sums: &Sums) -> Step {
+        let mut products = sums.products;
+        let mut left = sums.squared;
+        if self.offset {
+            left -= sums.plain * sums.plain / self.area;
+            for (product, mean) in products.iter_mut().zip(self.mean) {
+                *product -= mean * sums.plain;
+            }
+        }
+        if self.tilt {
+            for axis in 0..2 {
+                left -= sums.tilt[axis] * sums.tilt[axis] / self.moments[axis];
+                for (product, slope) in products.iter_mut().zip(self.slopes[axis]) {
+                    *product -= slope * sums.tilt[axis];
+                }
+            }
+        }
+        let [intensity, mut x, mut y] = products;
+        let [aa, ax, ay] = self.intensity;
+        if self.gain {
+            left -= intensity * intensity / aa;
+            x -= self.part[0] * intensity;
+            y -= self.part[1] * intensity;
+        }
+        let [xx, xy, yy] = self.inverse;
+        let scaled = [-(xx * x + xy * y), -(xy * x + yy * y)];
+        left += scaled[0] * x + scaled[1] * y;
+        let mut gain = 1.0;
+        if self.gain {
+            gain += (intensity + scaled[0] * ax + scaled[1] * ay) / aa;
+        }
+        let usable = gain.clamp(GAIN_RANGE.0, GAIN_RANGE.1);
+        Step {
+            by: scaled.map(|component| component / usable),
+            gain,
+            left: left.max(0.0),
+        }
+    }
+
+    /// Mean square of what `step` leaves, in square grey levels.
+    pub(crate) fn variance(&self, step: &Step) -> f64 {
+        let unknowns = 2.0
+            + f64::from(u8::from(self.offset))
+            + f64::from(u8::from(self.gain))
+            + 2.0 * f64::from(u8::from(self.tilt));
+        step.left / (self.area - unknowns).max(1.0)
+    }
+
+    /// Mean square of the window's own grey levels, without what an offset explains, times the squared gain.
+    pub(crate) fn signal(&self, step: &Step) -> f64 {
+        step.gain * step.gain * self.intensity[0] / self.area
+    }
+
+    /// Covariance of the displacement where what is left has variance 1 a pixel: xx, xy, yy.
+    pub(crate) fn unit_covariance(&self, step: &Step) -> [f64; 3] {
+        self.inverse
+            .map(|entry| entry * self.inflation / (step.gain * step.gain))
+    }
+}
+
+/// How much the variance of a sum of noise times gradient grows because the spline spreads the noise of a pixel over
+/// its neighbours: the sum over lags of the noise's correlation times the gradient's. The gradient's correlation is
+/// measured down the columns, for x along and for y across the edges that it stands on, and taken to fall off like a
+/// Gaussian.
+fn inflation(template: &Template) -> f64 {
+    let sums = &template.sums;
+    let area = template.window.area();
+    let lagged_share = (template.window.height - 1) as f64 / template.window.height as f64;
+    let mut total = 1.0;
+    for (axis, energy) in [(0, sums.products[3]), (1, sums.products[5])] {
+        let mean = sums.plain[axis + 1] * sums.plain[axis + 1] / area;
+        let correlation =
+            (sums.lagged[axis] - lagged_share * mean) / (lagged_share * (energy - mean));
+        let correlation = if correlation.is_finite() {
+            correlation.clamp(0.0, 1.0)
+        } else {
+            1.0
+        };
+        let [one, two] = NOISE_CORRELATION;
+        total *= 1.0 + 2.0 * (one * correlation + two * correlation.powi(4));
+    }
+    total
+}
