@@ -69,7 +69,8 @@ def test_model_is_exact_for_large_motion(motion: dict[str, object], yaw_free: bo
     dt = float(f.t_s[1])
     turn = np.zeros(3) if yaw_free else f.rate_rad_s[1] * dt
     interval = plane.Interval(turn, f.down[1], float(f.height_m[1]), dt, yaw_free)
-    fit = plane.fit(before, after, np.broadcast_to(np.eye(2) * (0.02 / 150) ** 2, (len(before), 2, 2)), interval)
+    covariance = np.broadcast_to(np.eye(2) * (0.02 / 150) ** 2, (len(before), 2, 2))
+    fit = plane.fit(plane.Points(before, after, covariance), interval)
     assert fit is not None
     np.testing.assert_allclose(fit.velocity, f.velocity_m_s[1], atol=2e-6)
     if yaw_free:
@@ -91,7 +92,7 @@ def test_model_takes_vz_and_yaw_only_as_far_as_the_data_demand() -> None:
         after = after + 0.03 * rng.standard_normal(after.shape)
         rays = [WIDE.undistort_points(p, normalized=True) for p in (before, after)]
         interval = plane.Interval(np.zeros(3), f.down[1], float(f.height_m[1]), float(f.t_s[1]), True)
-        fit = plane.fit(*rays, np.broadcast_to(np.eye(2) * (0.03 / 150) ** 2, (80, 2, 2)), interval)
+        fit = plane.fit(plane.Points(*rays, np.broadcast_to(np.eye(2) * (0.03 / 150) ** 2, (80, 2, 2))), interval)
         assert fit is not None
         taken.append(fit.terms)
         # Without "vz" in the model, vz is still an estimate with its deviation, not a zero.
@@ -108,7 +109,7 @@ def test_model_survives_forty_percent_of_points_on_a_moving_object() -> None:
     after[:32] += (2.5, -1.0)
     rays = [WIDE.undistort_points(p, normalized=True) for p in (before, after)]
     interval = plane.Interval(np.zeros(3), f.down[1], float(f.height_m[1]), float(f.t_s[1]), True)
-    fit = plane.fit(*rays, np.broadcast_to(np.eye(2) * (0.02 / 150) ** 2, (80, 2, 2)), interval)
+    fit = plane.fit(plane.Points(*rays, np.broadcast_to(np.eye(2) * (0.02 / 150) ** 2, (80, 2, 2))), interval)
     assert fit is not None
     assert not fit.inliers[:32].any()
     assert (np.abs(fit.velocity - f.velocity_m_s[1]) < 4 * np.sqrt(np.diag(fit.covariance))).all()

@@ -221,18 +221,17 @@ class VelocityEstimator:
         flow = flow.only(ground)
         spread = self._in_rays(flow.after, flow.covariance)
         shared = overlap(flow.before, flow.window)
-        before, after = self._rays(flow)
-        fit = plane.fit(before, after, spread, interval, overlap=shared)
+        fit = plane.fit(self._points(flow, spread), interval, overlap=shared)
         if fit is not None and (len(fit.terms) > 2 or interval.turn.any()):
             # The windows grow or turn: their displacement is that of a place off their middle.
-            before, after = self._rays(flow.moved(centers(prev, flow.before, flow.window)))
-            fit = plane.fit(before, after, spread, interval, overlap=shared)
+            flow = flow.moved(centers(prev, flow.before, flow.window))
+            fit = plane.fit(self._points(flow, spread), interval, overlap=shared)
         if fit is None:
             return unmeasured(VelocityStatus.TOO_FEW_POINTS, t_s, interval.dt_s, moved)
         if fit.inliers.sum() < max(_LEAST_POINTS, 0.5 * len(flow.after)):
             status = VelocityStatus.INCONSISTENT if flow.related else VelocityStatus.SCENE_CUT
             return unmeasured(status, t_s, interval.dt_s, moved)
-        parts = {"displacement": fit.covariance, **self._parts(before, after, spread, interval, fit, height_std)}
+        parts = {"displacement": fit.covariance, **self._parts(self._rays(flow), spread, interval, fit, height_std)}
         R = self.R_body_from_camera
         # An infinite variance of Vz must stay infinite, and must not make NaN of the others, under the rotation.
         parts = {name: _rotated(R, part) for name, part in parts.items()}
@@ -264,6 +263,10 @@ class VelocityEstimator:
             np.float64
         )
 
+    def _points(self, flow: GroundFlow, spread: F64) -> plane.Points:
+        rays = self._rays(flow)
+        return plane.Points(rays[0], rays[1], spread)
+
     def _in_rays(self, pixels: F64, covariance: F64) -> F64:
         """Covariances (N, 2, 2) in pixels as covariances in normalised coordinates."""
         step = 0.5
@@ -278,33 +281,39 @@ class VelocityEstimator:
         jacobian = np.where(np.isfinite(jacobian).all(axis=(1, 2), keepdims=True), jacobian, plain)
         return np.asarray(jacobian @ covariance @ jacobian.transpose(0, 2, 1), dtype=np.float64)
 
+    @staticmethod
+    def _speeds(rays: F64, spread: F64, interval: plane.Interval, fit: plane.PlaneFit) -> F64:
+        """Velocity (3,) with weights and terms held, for the change under another camera; NaN for what is not in it."""
+        velocity = np.full(3, np.nan)
+        solution = plane.solve(plane.Points(rays[0], rays[1], spread), interval, fit.terms, fit.weights)
+        if solution is not None:
+            for value, name in zip(solution.values, fit.terms, strict=True):
+                if name != "yaw":
+                    velocity[("vx", "vy", "vz").index(name)] = value
+        return velocity
+
     def _parts(
-        self, before: F64, after: F64, spread: F64, interval: plane.Interval, fit: plane.PlaneFit, height_std: float
+        self, rays: F64, spread: F64, interval: plane.Interval, fit: plane.PlaneFit, height_std: float
     ) -> dict[str, F64]:
         """Add up what height, focal length and principal point give to the covariance, in the camera's axes."""
         known = np.where(np.isfinite(fit.velocity), fit.velocity, 0.0)
         # Every velocity is proportional to the height.
         parts = {"height": np.outer(known, known) * (height_std / interval.height_m) ** 2}
         camera, std = self.camera, self.camera.std
+        if not any(std.get(name, 0.0) for name in ("fx", "fy", "cx", "cy")):
+            return parts
+        here = self._speeds(rays, spread, interval, fit)
         for title, names in (("focal length", ("fx", "fy")), ("principal point", ("cx", "cy"))):
             total = np.zeros((3, 3))
             for axis, name in enumerate(names):
                 deviation = float(std.get(name, 0.0))
-                if deviation == 0.0:
-                    continue
-                changed = []
-                for rays in (before, after):
-                    other = rays.copy()
-                    if title == "focal length":
-                        other[:, axis] *= getattr(camera, name) / (getattr(camera, name) + deviation)
-                    else:
-                        other[:, axis] -= deviation / (camera.fx, camera.fy)[axis]
-                    changed.append(other)
-                here = plane.speeds(before, after, spread, interval, fit.terms, fit.weights)
-                there = plane.speeds(changed[0], changed[1], spread, interval, fit.terms, fit.weights)
-                if here is not None and there is not None:
-                    change = np.nan_to_num(there - here)
-                    total += np.outer(change, change)
+                other = rays.copy()
+                if title == "focal length":
+                    other[..., axis] *= getattr(camera, name) / (getattr(camera, name) + deviation)
+                else:
+                    other[..., axis] -= deviation / (camera.fx, camera.fy)[axis]
+                change = np.nan_to_num(self._speeds(other, spread, interval, fit) - here)
+                total += np.outer(change, change)
             parts[title] = total
         return parts
 
