@@ -178,6 +178,13 @@ def test_gyro_takes_rotation_off_each_point() -> None:
     assert np.hypot(without[0].vx_m_s - 0.1, without[0].vy_m_s + 0.05) > 0.05
 
 
+def test_gyro_seeds_a_large_motion_under_a_turn() -> None:
+    # 40 px of travel while the picture turns by 4 degrees about its axis and rolls by 9 px, of 160 pixels.
+    f = flight(WIDE, frames=5, velocity_m_s=(1.4, 0.8, 0.0), rate_rad_s=(1.0, -1.0, 2.0), sensor=QUIET, seed=21)
+    found = velocities(f, rate=True, down=True, height=True)
+    assert np.abs(errors(f, found)[:, :2]).max() < 0.01 * 1.6
+
+
 def test_yaw_without_a_gyro_is_found() -> None:
     f = flight(frames=3, velocity_m_s=(0.1, 0.0, 0.0), rate_rad_s=(0.0, 0.0, 1.0), sensor=QUIET, seed=7)
     found = velocities(f)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +13,8 @@ from ..shift import estimate_shift
 from ..tracking import detect_corners, track_points
 
 F64 = NDArray[np.float64]
+# Takes pixels (N, 2) of the first frame and gives where a rotation alone puts them in the second; NaN behind.
+Turned = Callable[[F64], F64]
 
 # The seed for large motion is found on pictures of at most this width: finer ones only cost time.
 _SEED_WIDTH = 320
@@ -49,7 +52,7 @@ def window_for(shape: tuple[int, ...]) -> int:
     return int(np.clip((min(shape) // 5) | 1, 9, 21))
 
 
-def follow(prev: NDArray[Any], after: NDArray[Any], turned: Any) -> GroundFlow:
+def follow(prev: NDArray[Any], after: NDArray[Any], turned: Turned | None) -> GroundFlow:
     """Find points in `prev` and follow them into `after`.
 
     Parameters
@@ -64,12 +67,8 @@ def follow(prev: NDArray[Any], after: NDArray[Any], turned: Any) -> GroundFlow:
     points = np.asarray(corners, dtype=np.float64)
     if len(points) == 0:
         return GroundFlow(points, points, np.zeros((0, 2, 2)), window, 0, True)
-    seed, related = _seed(prev, after)
-    start = points + seed
-    if turned is not None:
-        middle = 0.5 * (np.array(prev.shape[::-1], dtype=np.float64) - 1.0)
-        own = turned(points) - points
-        start += np.nan_to_num(own - (turned(middle[None, :]) - middle))
+    seed, related = _seed(prev, after, turned)
+    start = points + seed if turned is None else _or_given(turned(points + seed), points)
     height, width = prev.shape
     expected = ((start >= 0) & (start <= (width - 1, height - 1))).all(axis=1)
     points, start = points[expected], start[expected]
@@ -84,20 +83,45 @@ def follow(prev: NDArray[Any], after: NDArray[Any], turned: Any) -> GroundFlow:
     )
 
 
-def _seed(prev: NDArray[Any], after: NDArray[Any]) -> tuple[F64, bool]:
-    """Where the picture went as a whole, in pixels, and whether there is such a thing."""
+def _or_given(pixels: F64, given: F64) -> F64:
+    """`pixels`, or `given` where they are not known."""
+    return np.where(np.isfinite(pixels), pixels, given)
+
+
+def _seed(prev: NDArray[Any], after: NDArray[Any], turned: Turned | None) -> tuple[F64, bool]:
+    """Find where the picture went as a whole before it turned, in pixels, and whether there is such a thing."""
     height, width = prev.shape
     factor = max(1.0, width / _SEED_WIDTH)
+    size = (round(width / factor), max(1, round(height / factor)))
+    scale = np.array([width / size[0], height / size[1]])
     if factor > 1.0:
         import cv2
 
-        size = (round(width / factor), max(1, round(height / factor)))
         prev, after = (cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in (prev, after))
-    shift = estimate_shift(prev, after)
+    roi = None
+    if turned is not None:
+        after = _turned_back(after, scale, turned)
+        # What the turn brought in at the border was never seen.
+        x, y = size[0] // 8, size[1] // 8
+        roi = (x, y, size[0] - 2 * x, size[1] - 2 * y)
+    shift = estimate_shift(prev, after, roi=roi)
     if not shift.valid:
         return np.zeros(2), False
-    scale = np.array([width / prev.shape[1], height / prev.shape[0]])
     return np.array([shift.dx, shift.dy]) * scale, True
+
+
+def _turned_back(after: NDArray[Any], scale: F64, turned: Turned) -> NDArray[Any]:
+    """`after` as it would look without the rotation: near enough for a seed, as the lens is taken for straight."""
+    import cv2
+
+    height, width = after.shape
+    corners = np.array([(0, 0), (width - 1, 0), (width - 1, height - 1), (0, height - 1)], dtype=np.float64)
+    to = (turned((corners + 0.5) * scale - 0.5) + 0.5) / scale - 0.5
+    if not np.isfinite(to).all():
+        return after
+    H = cv2.getPerspectiveTransform(corners.astype(np.float32), to.astype(np.float32))
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpPerspective(after, H, (width, height), flags=flags, borderMode=cv2.BORDER_REFLECT))
 
 
 def overlap(points: F64, window: int) -> F64:
