@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .camera.calibration import Calibration, calibrate
     from .camera.capture import Frame, Frames, frames
     from .camera.model import Camera
+    from .flow import DenseFlow, FlowField, dense_flow
     from .io import read_flow, write_flow
     from .plotting import QuiverStyle, flow_to_color, quiver
     from .shift import Shift, ShiftStatus, estimate_shift
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 _LAZY: dict[str, str] = {
     "Calibration": ".camera.calibration",
     "Camera": ".camera.model",
+    "DenseFlow": ".flow",
+    "FlowField": ".flow",
     "Frame": ".camera.capture",
     "Frames": ".camera.capture",
     "PointStatus": ".tracking",
@@ -52,6 +55,7 @@ _LAZY: dict[str, str] = {
     "VelocityStatus": ".velocity",
     "VideoWriter": ".video",
     "calibrate": ".camera.calibration",
+    "dense_flow": ".flow",
     "detect_corners": ".tracking",
     "estimate_shift": ".shift",
     "flow_to_color": ".plotting",
@@ -71,6 +75,8 @@ __all__ = [
     "Camera",
     "CaptureError",
     "DTypeError",
+    "DenseFlow",
+    "FlowField",
     "FormatError",
     "Frame",
     "Frames",
@@ -91,6 +97,7 @@ __all__ = [
     "__version__",
     "build_info",
     "calibrate",
+    "dense_flow",
     "detect_corners",
     "estimate_shift",
     "flow_to_color",

@@ -10,7 +10,7 @@ use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane};
 use crate::parallel::for_each_band;
 use crate::pyramid::mirror;
-use crate::simd::{Eight, EightKernel, Kernel, LANES, Level, dispatch, dispatch_eight};
+use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, dispatch, dispatch_eight};
 
 /// What counts as a corner, and how many are wanted.
 ///
@@ -396,15 +396,15 @@ impl TensorRows {
             width,
             products: vec![0.0; 3 * padded * options.block_size],
             next: isize::MIN,
-            smooth: vec![0.0; width.next_multiple_of(LANES) + LANES],
-            slope: vec![0.0; width.next_multiple_of(LANES) + LANES],
+            smooth: vec![0.0; width.next_multiple_of(EIGHT) + EIGHT],
+            slope: vec![0.0; width.next_multiple_of(EIGHT) + EIGHT],
             sums: vec![0.0; 3 * padded],
         }
     }
 
     /// Columns of a row of products, with what is mirrored on both sides and whole lanes after the end.
     fn padded(width: usize, block: usize) -> usize {
-        width.next_multiple_of(LANES) + block + LANES
+        width.next_multiple_of(EIGHT) + block + EIGHT
     }
 
     /// Write the response of row `y`; rows come in order.
@@ -609,15 +609,15 @@ impl EightKernel for Respond<'_> {
                 let difference = (xx - yy) * half;
                 (xx + yy) * half - (difference * difference + xy * xy).sqrt()
             };
-            if x + LANES <= width {
+            if x + EIGHT <= width {
                 response.store(self.row, x);
             } else {
-                let mut last = [0.0; LANES];
+                let mut last = [0.0; EIGHT];
                 response.store(&mut last, 0);
                 let count = width - x;
                 self.row[x..].copy_from_slice(&last[..count]);
             }
-            x += LANES;
+            x += EIGHT;
         }
     }
 }
@@ -630,8 +630,8 @@ impl Kernel for Largest<'_> {
 
     #[inline(always)]
     fn run(self) -> f32 {
-        let mut lanes = [f32::MIN; 4 * LANES];
-        let chunks = self.0.chunks_exact(4 * LANES);
+        let mut lanes = [f32::MIN; 4 * EIGHT];
+        let chunks = self.0.chunks_exact(4 * EIGHT);
         let rest = chunks.remainder().iter().copied().fold(f32::MIN, f32::max);
         for chunk in chunks {
             for (lane, value) in lanes.iter_mut().zip(chunk) {
@@ -664,8 +664,8 @@ impl EightKernel for Maxima<'_> {
         let mut x = 1;
         while x < width - 1 {
             // Most blocks hold no maximum, and whole lanes tell so at once.
-            let whole = x + LANES < width;
-            let count = if whole { LANES } else { width - 1 - x };
+            let whole = x + EIGHT < width;
+            let count = if whole { EIGHT } else { width - 1 - x };
             let mut bits = u8::MAX;
             if whole {
                 let value = L::load(here, x);

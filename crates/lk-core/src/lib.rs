@@ -8,6 +8,7 @@
 #![deny(missing_docs)]
 
 mod corners;
+mod dense;
 mod error;
 mod execution;
 mod frame;
@@ -20,6 +21,9 @@ mod simd;
 mod track;
 
 pub use corners::{Corner, CornerDetector, CornerOptions, detect_corners};
+pub use dense::{
+    DenseFlow, DenseHints, DenseOptions, FlowField, LevelRecipe, Preset, Recipe, dense_flow,
+};
 pub use error::{Error, Result};
 pub use execution::Execution;
 pub use frame::{Frame, Pixel, Plane};

@@ -53,11 +53,21 @@ impl Pyramid {
         }
         self.levels.resize_with(count, Plane::default);
         self.levels[0].copy_from(frame, execution)?;
-        for level in 1..count {
+        self.reduce_again(execution)
+    }
+
+    /// Make all levels but the finest again, from the finest.
+    pub(crate) fn reduce_again(&mut self, execution: &Execution) -> Result<()> {
+        for level in 1..self.levels.len() {
             let (finer, coarser) = self.levels.split_at_mut(level);
             reduce(&finer[level - 1], &mut coarser[0], execution)?;
         }
         Ok(())
+    }
+
+    /// The levels, to write.
+    pub(crate) fn levels_mut(&mut self) -> &mut [Plane] {
+        &mut self.levels
     }
 
     /// The levels, the finest first.

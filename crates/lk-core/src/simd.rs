@@ -1,4 +1,4 @@
-//! CPU levels and dispatch: the only file of this crate that may hold `unsafe`.
+//! CPU levels and dispatch: with `simd/lanes.rs` the only file of this crate that may hold `unsafe`.
 //!
 //! A kernel is one generic body ([`Kernel::run`], `#[inline(always)]`), written over lane arrays or plain slices so
 //! that the compiler vectorises it. [`dispatch`] compiles that body once per level and picks one at run time, once per
@@ -6,10 +6,12 @@
 #![allow(unsafe_code)]
 
 mod eight;
+mod lanes;
 
 use std::sync::OnceLock;
 
-pub(crate) use eight::{Eight, LANES, Packed};
+pub(crate) use eight::{EIGHT, Eight, EightKernel, Packed, dispatch_eight};
+pub(crate) use lanes::{Floats, LANES, Simd};
 
 /// A set of vector instructions. Results do not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -103,6 +105,42 @@ pub(crate) fn dispatch<K: Kernel>(level: Level, kernel: K) -> K::Output {
     kernel.run()
 }
 
+/// The body of a kernel over sixteen lanes, written once for all levels.
+pub(crate) trait LaneKernel {
+    /// Do the work. Mark the implementation `#[inline(always)]`, and what it calls too.
+    fn run<S: Simd>(self, simd: S);
+}
+
+/// Run `kernel` with the instructions of `level`.
+pub(crate) fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        match level.min(Level::of_this_cpu()) {
+            // SAFETY: `of_this_cpu` has found avx512f, bw, dq, vl and avx2 on this CPU.
+            Level::Avx512 => return unsafe { lanes_avx512(kernel) },
+            // SAFETY: `of_this_cpu` has found avx2 on this CPU.
+            Level::Avx2 => return unsafe { lanes_avx2(kernel) },
+            Level::Baseline => {}
+        }
+    }
+    let _ = level;
+    kernel.run(lanes::Plain);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn lanes_avx2<K: LaneKernel>(kernel: K) {
+    // SAFETY: this function is only entered where the CPU has AVX2.
+    kernel.run(unsafe { lanes::x86::Avx2::new() });
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,avx512f,avx512bw,avx512dq,avx512vl")]
+fn lanes_avx512<K: LaneKernel>(kernel: K) {
+    // SAFETY: this function is only entered where the CPU has AVX-512 F and DQ.
+    kernel.run(unsafe { lanes::x86::Avx512::new() });
+}
+
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
@@ -113,48 +151,6 @@ fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
 #[target_feature(enable = "avx2,avx512f,avx512bw,avx512dq,avx512vl")]
 fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
     kernel.run()
-}
-
-/// The body of a kernel that is written over [`Eight`], once for all levels.
-pub(crate) trait EightKernel {
-    /// What the kernel returns.
-    type Output;
-
-    /// Do the work. Mark the implementation `#[inline(always)]`, and what it calls too, so that lanes stay in
-    /// registers.
-    fn run<L: Eight>(self) -> Self::Output;
-}
-
-/// Run `kernel` with the registers of `level`.
-pub(crate) fn dispatch_eight<K: EightKernel>(level: Level, kernel: K) -> K::Output {
-    #[cfg(target_arch = "x86_64")]
-    {
-        match level.min(Level::of_this_cpu()) {
-            // SAFETY: `of_this_cpu` has found avx512f, bw, dq, vl and avx2 on this CPU.
-            Level::Avx512 => unsafe { run_eight_avx512(kernel) },
-            // SAFETY: `of_this_cpu` has found avx2 on this CPU.
-            Level::Avx2 => unsafe { run_eight_avx2(kernel) },
-            Level::Baseline => kernel.run::<eight::x86::Sse>(),
-        }
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    {
-        let _ = level;
-        kernel.run::<eight::Plain>()
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn run_eight_avx2<K: EightKernel>(kernel: K) -> K::Output {
-    kernel.run::<eight::x86::Avx>()
-}
-
-/// Eight lanes here too: what AVX-512 adds is twice the registers.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,avx512f,avx512bw,avx512dq,avx512vl")]
-fn run_eight_avx512<K: EightKernel>(kernel: K) -> K::Output {
-    kernel.run::<eight::x86::Avx>()
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 //! Every call releases the GIL while it computes, and long ones look for signals; see [`interrupt`].
 
 mod errors;
+mod flow;
 mod frames;
 mod interrupt;
 mod shift;
@@ -61,6 +62,7 @@ fn build_info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<flow::DenseFlow>()?;
     module.add_function(wrap_pyfunction!(set_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(get_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(build_info, module)?)?;

@@ -17,6 +17,10 @@ from ..errors import CalibrationError
 
 Array = NDArray[np.float64]
 
+# Condition number of the scaled normal equations beyond which they are singular: good views have some thousand, a board
+# that is never tilted 1e13.
+_SINGULAR = 1e12
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
@@ -110,11 +114,15 @@ def _jackknife(
     total = np.sum(information, axis=0)
     scale = np.sqrt(np.diag(total))
     scale[scale == 0] = 1.0
+    if not np.linalg.cond(total / np.outer(scale, scale)) < _SINGULAR:
+        raise CalibrationError(
+            "the views do not determine a camera: tilt the board by 20 to 45 degrees, in different directions"
+        )
     moved = np.full((len(board), total.shape[0]), np.nan)
     for i, (own, gradient) in enumerate(zip(information, gradients, strict=True)):
         rest = (total - own) / np.outer(scale, scale)
         # Views that do not determine the camera once this one is gone say nothing by leaving it out.
-        if np.linalg.cond(rest) < 1e13:
+        if np.linalg.cond(rest) < _SINGULAR:
             moved[i] = -np.linalg.solve(rest, gradient / scale) / scale
     count = len(board)
     if np.isfinite(moved).all():

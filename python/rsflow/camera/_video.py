@@ -38,11 +38,12 @@ def quiet() -> Iterator[None]:
     global _quiet_depth, _loud_level
     import cv2
 
-    logging = cv2.utils.logging
+    # OpenCV 4 has these two at the top, OpenCV 5 in a module; 0 is silent in both.
+    logging = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging
     with _quiet_lock:
         if _quiet_depth == 0:
             _loud_level = logging.getLogLevel()
-            logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+            logging.setLogLevel(0)
         _quiet_depth += 1
     try:
         yield
@@ -126,6 +127,10 @@ class VideoReader:
         times: list[float] = []
         with quiet():
             while len(times) < _PROBE_FRAMES and self._capture.grab():
+                if not times:
+                    # A picture that the file asks to be turned is turned; the header's size is that before.
+                    done, image = self._capture.retrieve()
+                    self.size = (image.shape[1], image.shape[0]) if done else self.size
                 times.append(float(self._capture.get(cv2.CAP_PROP_POS_MSEC)))
         self._capture.release()
         if not times:

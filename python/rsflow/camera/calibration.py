@@ -25,11 +25,17 @@ __all__ = ["Calibration", "View", "calibrate"]
 # Fewer views leave f, the principal point and the distortion undetermined, or barely.
 _LEAST_VIEWS = 3
 
+# Relative deviation of f from which the views cannot be said to determine it.
+_UNDETERMINED = 0.2
+
 # Distortion coefficients that can be estimated.
 _COEFFICIENTS = (0, 4, 5, 8, 12)
 
 # Share of the picture's diagonal by which the corners of a video frame must have moved, to be a view of its own.
 _DISTINCT = 0.05
+
+# The same for pictures: less is the same picture twice (1.6 pixels of 640 x 480).
+_SAME = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,8 +226,9 @@ def calibrate(
     max_views : int
         End the search with so many views.
     distinct : float, optional
-        Share of the picture's diagonal by which the corners must differ from those of every view before. By default 0
-        for pictures, and 0.05 for a video or a live camera, most of whose frames show the same.
+        Share of the picture's diagonal by which the corners must differ from those of every view before. By default
+        0.002 for pictures, which leaves out doubles, and 0.05 for a video or a live camera, most of whose frames show
+        the same.
     on_view : callable, optional
         Called with each `View` and the number of usable ones so far, as soon as it was searched; the search ends where
         it returns True.
@@ -261,7 +268,7 @@ def calibrate(
         raise OptionError(f"max_views: got {max_views}, expected at least {_LEAST_VIEWS}")
     source = images if isinstance(images, Frames) else frames(images)
     if distinct is None:
-        distinct = 0.0 if source.timestamps in ("none", "given") else _DISTINCT
+        distinct = _SAME if source.timestamps in ("none", "given") else _DISTINCT
     search = _Search(target, time_budget_s, view_time_budget_s, distinct)
     with source, Searcher() as searcher:
         try:
@@ -374,7 +381,7 @@ def _calibrated(search: _Search, board: Board, coefficients: int, square_pixels:
         plain = _solve.solve(flat, [c.plain for _, c in found], search.size, coefficients, square_pixels)
         repair = np.abs(plain.values - solution.values)
     std = np.hypot(solution.std, repair)
-    if not (np.isfinite(std).all() and std[0] < 0.5 * solution.values[0]):
+    if not (np.isfinite(std).all() and std[0] < _UNDETERMINED * solution.values[0]):
         raise CalibrationError(
             f"the {len(found)} views do not determine the focal length: got {solution.values[0]:.1f} "
             f"+- {std[0]:.1f} px: "

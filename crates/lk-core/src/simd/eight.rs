@@ -6,16 +6,18 @@
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 
+use super::Level;
+
 /// Eight of one [`Eight`].
-pub(crate) const LANES: usize = 8;
+pub(crate) const EIGHT: usize = 8;
 
 /// Eight values in memory.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(32))]
-pub(crate) struct Packed(pub(crate) [f32; LANES]);
+pub(crate) struct Packed(pub(crate) [f32; EIGHT]);
 
 impl Packed {
-    pub(crate) const ZERO: Self = Self([0.0; LANES]);
+    pub(crate) const ZERO: Self = Self([0.0; EIGHT]);
 
     /// 0, 1, ...
     pub(crate) const STEPS: Self = Self([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
@@ -23,7 +25,7 @@ impl Packed {
     /// All bits set in the first `count` lanes, none in the others: a mask for [`Eight::keep`].
     #[inline(always)]
     pub(crate) fn first(count: usize) -> Self {
-        let mut mask = [0.0; LANES];
+        let mut mask = [0.0; EIGHT];
         for lane in mask.iter_mut().take(count) {
             *lane = f32::from_bits(u32::MAX);
         }
@@ -79,6 +81,48 @@ pub(crate) trait Eight:
     }
 }
 
+/// The body of a kernel that is written over [`Eight`], once for all levels.
+pub(crate) trait EightKernel {
+    /// What the kernel returns.
+    type Output;
+
+    /// Do the work. Mark the implementation `#[inline(always)]`, and what it calls too, so that lanes stay in
+    /// registers.
+    fn run<L: Eight>(self) -> Self::Output;
+}
+
+/// Run `kernel` with the registers of `level`.
+pub(crate) fn dispatch_eight<K: EightKernel>(level: Level, kernel: K) -> K::Output {
+    #[cfg(target_arch = "x86_64")]
+    {
+        match level.min(Level::of_this_cpu()) {
+            // SAFETY: `of_this_cpu` has found avx512f, bw, dq, vl and avx2 on this CPU.
+            Level::Avx512 => unsafe { run_eight_avx512(kernel) },
+            // SAFETY: `of_this_cpu` has found avx2 on this CPU.
+            Level::Avx2 => unsafe { run_eight_avx2(kernel) },
+            Level::Baseline => kernel.run::<x86::Sse>(),
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        let _ = level;
+        kernel.run::<Plain>()
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_eight_avx2<K: EightKernel>(kernel: K) -> K::Output {
+    kernel.run::<x86::Avx>()
+}
+
+/// Eight lanes here too: what AVX-512 adds is twice the registers.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,avx512f,avx512bw,avx512dq,avx512vl")]
+fn run_eight_avx512<K: EightKernel>(kernel: K) -> K::Output {
+    kernel.run::<x86::Avx>()
+}
+
 /// Implement the operators by a method of the same name on a newtype.
 macro_rules! operators {
     ($lanes:ty) => {
@@ -115,7 +159,7 @@ macro_rules! operators {
 /// The lanes as an array, for architectures without intrinsics here, and to test the others against.
 #[cfg(any(test, not(target_arch = "x86_64")))]
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Plain([f32; LANES]);
+pub(crate) struct Plain([f32; EIGHT]);
 
 #[cfg(any(test, not(target_arch = "x86_64")))]
 impl Plain {
@@ -150,19 +194,19 @@ operators!(Plain);
 impl Eight for Plain {
     #[inline(always)]
     fn splat(value: f32) -> Self {
-        Self([value; LANES])
+        Self([value; EIGHT])
     }
 
     #[inline(always)]
     fn load(from: &[f32], at: usize) -> Self {
-        let mut lanes = [0.0; LANES];
-        lanes.copy_from_slice(&from[at..at + LANES]);
+        let mut lanes = [0.0; EIGHT];
+        lanes.copy_from_slice(&from[at..at + EIGHT]);
         Self(lanes)
     }
 
     #[inline(always)]
     fn store(self, to: &mut [f32], at: usize) {
-        to[at..at + LANES].copy_from_slice(&self.0);
+        to[at..at + EIGHT].copy_from_slice(&self.0);
     }
 
     #[inline(always)]
@@ -212,7 +256,7 @@ pub(crate) mod x86 {
         _mm256_store_ps, _mm256_storeu_ps, _mm256_sub_ps,
     };
 
-    use super::{Add, AddAssign, Eight, LANES, Mul, Packed, Sub};
+    use super::{Add, AddAssign, EIGHT, Eight, Mul, Packed, Sub};
 
     /// The lanes in two SSE registers.
     #[derive(Debug, Clone, Copy)]
@@ -249,7 +293,7 @@ pub(crate) mod x86 {
 
         #[inline(always)]
         fn load(from: &[f32], at: usize) -> Self {
-            let from = &from[at..at + LANES];
+            let from = &from[at..at + EIGHT];
             // SAFETY: the slice holds eight values.
             unsafe {
                 Self(
@@ -261,7 +305,7 @@ pub(crate) mod x86 {
 
         #[inline(always)]
         fn store(self, to: &mut [f32], at: usize) {
-            let to = &mut to[at..at + LANES];
+            let to = &mut to[at..at + EIGHT];
             // SAFETY: the slice holds eight values.
             unsafe {
                 _mm_storeu_ps(to.as_mut_ptr(), self.0);
@@ -318,7 +362,7 @@ pub(crate) mod x86 {
 
     /// The lanes in one AVX register.
     ///
-    /// Only [`super::super::dispatch_eight`] names this type, and runs kernels over it where it has found AVX. All
+    /// Only [`super::dispatch_eight`] names this type, and runs kernels over it where it has found AVX. All
     /// calls of intrinsics below rely on that.
     #[derive(Debug, Clone, Copy)]
     pub(crate) struct Avx(__m256);
@@ -354,14 +398,14 @@ pub(crate) mod x86 {
 
         #[inline(always)]
         fn load(from: &[f32], at: usize) -> Self {
-            let from = &from[at..at + LANES];
+            let from = &from[at..at + EIGHT];
             // SAFETY: the slice holds eight values; this CPU has AVX, see the type.
             Self(unsafe { _mm256_loadu_ps(from.as_ptr()) })
         }
 
         #[inline(always)]
         fn store(self, to: &mut [f32], at: usize) {
-            let to = &mut to[at..at + LANES];
+            let to = &mut to[at..at + EIGHT];
             // SAFETY: the slice holds eight values; this CPU has AVX, see the type.
             unsafe { _mm256_storeu_ps(to.as_mut_ptr(), self.0) }
         }
@@ -402,14 +446,14 @@ pub(crate) mod x86 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{EightKernel, Level, dispatch_eight};
+    use super::super::Level;
     use super::*;
 
     /// Every operation once.
     struct Everything<'a>(&'a [f32]);
 
     impl EightKernel for Everything<'_> {
-        type Output = ([f32; LANES], u8, f64);
+        type Output = ([f32; EIGHT], u8, f64);
 
         #[inline(always)]
         fn run<L: Eight>(self) -> Self::Output {
@@ -418,7 +462,7 @@ mod tests {
             c += L::splat(0.5);
             let kept = c.keep(L::unpack(&Packed::first(6)));
             let root = (kept * kept).sqrt();
-            let mut out = [0.0; LANES];
+            let mut out = [0.0; EIGHT];
             root.store(&mut out, 0);
             (
                 out,

@@ -8,7 +8,7 @@
 
 use crate::frame::Plane;
 use crate::pyramid::mirror;
-use crate::simd::{Eight, EightKernel, LANES, Packed};
+use crate::simd::{EIGHT, Eight, EightKernel, Packed};
 
 /// The largest window, in pixels a side.
 pub(crate) const MAX_WINDOW: usize = 63;
@@ -17,9 +17,9 @@ pub(crate) const MAX_WINDOW: usize = 63;
 const SPLINE_TAPS: usize = 4;
 const SPLINE_BEFORE: isize = 1;
 
-const MAX_BLOCKS: usize = MAX_WINDOW.div_ceil(LANES);
+const MAX_BLOCKS: usize = MAX_WINDOW.div_ceil(EIGHT);
 /// A template has one more sample on each side, for its gradient.
-const MAX_SAMPLED: usize = (MAX_WINDOW + 2).next_multiple_of(LANES);
+const MAX_SAMPLED: usize = (MAX_WINDOW + 2).next_multiple_of(EIGHT);
 const MAX_REGION: usize = MAX_SAMPLED + SPLINE_TAPS;
 
 /// How grey levels between pixels are had.
@@ -51,7 +51,7 @@ impl Window {
 
     #[inline(always)]
     fn blocks(self) -> usize {
-        self.width.div_ceil(LANES)
+        self.width.div_ceil(EIGHT)
     }
 
     /// Pixels.
@@ -74,7 +74,7 @@ impl Window {
     /// The x coordinates of a block of lanes, from the window's centre.
     #[inline(always)]
     fn block_x<L: Eight>(self, block: usize) -> L {
-        L::splat((block * LANES) as f32 - self.half()[0]) + L::unpack(&Packed::STEPS)
+        L::splat((block * EIGHT) as f32 - self.half()[0]) + L::unpack(&Packed::STEPS)
     }
 }
 
@@ -136,7 +136,7 @@ fn region<'a>(
         let start = y as usize * width + x as usize;
         let data = &plane.data()[start..];
         // What is loaded beyond a row's end is the next row's start, and has no weight.
-        if (rows - 1) * width + columns + LANES <= data.len() {
+        if (rows - 1) * width + columns + EIGHT <= data.len() {
             return Region {
                 data,
                 stride: width,
@@ -196,7 +196,7 @@ pub(crate) struct Template {
     pub(crate) window: Window,
     pub(crate) sampling: Sampling,
     /// Samples with one more on each side, in rows of whole lanes.
-    samples: [f32; MAX_SAMPLED * (MAX_WINDOW + 2) + LANES],
+    samples: [f32; MAX_SAMPLED * (MAX_WINDOW + 2) + EIGHT],
     /// Columns of eight pixels, one after the other, each from its top row down.
     cells: [Cell; MAX_BLOCKS * MAX_WINDOW],
     /// Grey level of a pixel in the middle, from which `sums` counts the intensity.
@@ -296,12 +296,12 @@ impl EightKernel for BuildTemplate<'_> {
             rows + SPLINE_TAPS - 1,
             self.scratch,
         );
-        let blocks = columns.div_ceil(LANES);
+        let blocks = columns.div_ceil(EIGHT);
         let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
         for block in 0..blocks {
-            let mut column = Spline::new(source, block * LANES, &wx);
+            let mut column = Spline::new(source, block * EIGHT, &wx);
             for row in 0..rows {
-                let at = (row * blocks + block) * LANES;
+                let at = (row * blocks + block) * EIGHT;
                 column
                     .sample(row, &wx, &wy)
                     .store(&mut template.samples, at);
@@ -309,7 +309,7 @@ impl EightKernel for BuildTemplate<'_> {
         }
         let region = Region {
             data: &template.samples,
-            stride: blocks * LANES,
+            stride: blocks * EIGHT,
         };
         (template.level, template.sums) = differentiate::<L>(region, window, &mut template.cells);
         self.centre
@@ -340,7 +340,7 @@ impl<'a, L: Eight> Spline<'a, L> {
 
     #[inline(always)]
     fn across(region: Region<'a>, row: usize, column: usize, w: &[L; SPLINE_TAPS]) -> L {
-        let row: &[f32; LANES + SPLINE_TAPS - 1] = region.reach(row, column);
+        let row: &[f32; EIGHT + SPLINE_TAPS - 1] = region.reach(row, column);
         (L::load(row, 1) * w[1] + L::load(row, 2) * w[2])
             + (L::load(row, 0) * w[0] + L::load(row, 3) * w[3])
     }
@@ -372,16 +372,16 @@ fn differentiate<L: Eight>(
     let (mut plain, mut with_x, mut with_y) = ([L::zero(); 3], [L::zero(); 3], [L::zero(); 3]);
     let (mut products, mut lagged) = ([L::zero(); 6], [L::zero(); 2]);
     for block in 0..blocks {
-        let at = block * LANES;
+        let at = block * EIGHT;
         let mask = L::unpack(&Packed::first(window.width - at));
         let mut last = [L::zero(); 2];
         let mut column = [L::zero(); 3];
         let mut y = L::splat(-window.half()[1]);
-        let mut above = L::load(region.reach::<LANES>(0, at + 1), 0);
-        let mut here = L::load(region.reach::<LANES>(1, at + 1), 0);
+        let mut above = L::load(region.reach::<EIGHT>(0, at + 1), 0);
+        let mut here = L::load(region.reach::<EIGHT>(1, at + 1), 0);
         for (row, cell) in cells[block * height..][..height].iter_mut().enumerate() {
-            let sides: &[f32; LANES + 2] = region.reach(row + 1, at);
-            let below = L::load(region.reach::<LANES>(row + 2, at + 1), 0);
+            let sides: &[f32; EIGHT + 2] = region.reach(row + 1, at);
+            let below = L::load(region.reach::<EIGHT>(row + 2, at + 1), 0);
             let a = (here - base).keep(mask);
             let gx = ((L::load(sides, 2) - L::load(sides, 0)) * half).keep(mask);
             let gy = ((below - above) * half).keep(mask);
@@ -456,7 +456,7 @@ impl EightKernel for Compare<'_> {
                 [L::splat(1.0 - fy), L::splat(fy)],
             );
             for block in 0..blocks {
-                let at = block * LANES;
+                let at = block * EIGHT;
                 let mask = L::unpack(&Packed::first(window.width - at));
                 let mut above = linear(region.reach(0, at), &wx);
                 let (mut column, mut y) = (L::zero(), L::splat(-half[1]));
@@ -481,7 +481,7 @@ impl EightKernel for Compare<'_> {
             );
             let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
             for block in 0..blocks {
-                let at = block * LANES;
+                let at = block * EIGHT;
                 let mask = L::unpack(&Packed::first(window.width - at));
                 let mut samples = Spline::new(region, at, &wx);
                 let (mut column, mut y) = (L::zero(), L::splat(-half[1]));
@@ -501,7 +501,7 @@ impl EightKernel for Compare<'_> {
 
 /// One row of linear interpolation along x.
 #[inline(always)]
-fn linear<L: Eight>(row: &[f32; LANES + 1], wx: &[L; 2]) -> L {
+fn linear<L: Eight>(row: &[f32; EIGHT + 1], wx: &[L; 2]) -> L {
     L::load(row, 0) * wx[0] + L::load(row, 1) * wx[1]
 }
 

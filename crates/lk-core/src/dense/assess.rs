@@ -1,0 +1,112 @@
+//! The last look at every window: how well the flow fits, and whether the pixel counts as measured.
+
+use crate::error::Result;
+use crate::execution::Execution;
+use crate::frame::Plane;
+use crate::parallel::{RowsMut, for_each_band};
+
+use super::field::FlowField;
+use super::grid::{self, PAD};
+use super::scratch::with_scratch;
+use super::step::{Band, Results, StepInput, StepOptions};
+
+/// Half the window.
+const RADIUS: usize = 3;
+
+/// The smaller eigenvalue of the structure tensor (mean over the window, squared grey levels) below which motion along
+/// one direction is noise. Noise of one grey level alone gives 1/8: four differences of weight 1/4, in one direction,
+/// twice the variance.
+const TEXTURE: f32 = 1.0;
+
+/// Mean squared differences above this share of the texture are not explained by an error of the flow of a pixel or so.
+const MISFIT: f32 = 1.0;
+
+/// Mean squared differences that noise explains, in squared grey levels.
+const NOISE: f32 = 16.0;
+
+/// Fill `field` with the flow of `input` and what its windows say. `finite` is 0 where `next` is not finite.
+pub(super) fn assess(
+    input: StepInput<'_>,
+    finite: Option<&Plane>,
+    centred: bool,
+    field: &mut FlowField,
+    execution: &Execution,
+) -> Result<()> {
+    let (width, height) = (input.prev.width(), input.prev.height());
+    let options = StepOptions {
+        radius: RADIUS,
+        centred,
+        damping: 0.0,
+        longest: 0.0,
+    };
+    let level = execution.simd_level();
+    let size = Band::size(width, RADIUS);
+    let outputs = (
+        RowsMut::new(&mut field.uv, 2 * width),
+        RowsMut::new(&mut field.valid, width),
+        RowsMut::new(&mut field.residual, width),
+    );
+    for_each_band(
+        execution,
+        height,
+        (16_384 / width).max(8),
+        outputs,
+        |rows, (mut uv, mut valid, mut residual)| {
+            with_scratch(size + 3 * grid::stride(width), |memory| {
+                let (memory, fit) = memory.split_at_mut(size);
+                let (count, fit) = fit.split_at_mut(grid::stride(width));
+                let (texture, energy) = fit.split_at_mut(grid::stride(width));
+                let mut band = Band::new(level, input, &options, memory);
+                band.start(rows.start);
+                for (local, y) in rows.enumerate() {
+                    band.row(
+                        y,
+                        Results::Fit {
+                            count: &mut *count,
+                            texture: &mut *texture,
+                            energy: &mut *energy,
+                        },
+                    );
+                    let (u, v) = (input.u.row(y), input.v.row(y));
+                    let weight = input.weight.map(|plane| plane.row(y));
+                    let (uv, _) = uv.row_mut(local).as_chunks_mut::<2>();
+                    let (valid, residual) = (valid.row_mut(local), residual.row_mut(local));
+                    for x in 0..width {
+                        let (count, texture, energy) =
+                            (count[PAD + x], texture[PAD + x], energy[PAD + x]);
+                        uv[x] = [u[x], v[x]];
+                        residual[x] = energy.sqrt();
+                        let inside = (0.0..=(width - 1) as f32).contains(&(x as f32 + u[x]))
+                            && (0.0..=(height - 1) as f32).contains(&(y as f32 + v[x]));
+                        valid[x] = inside
+                            && 2.0 * count > ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32
+                            && texture >= TEXTURE
+                            && energy <= NOISE + MISFIT * texture;
+                        if let Some(weight) = weight
+                            && weight[x] == 0.0
+                        {
+                            uv[x] = [f32::NAN; 2];
+                            residual[x] = f32::NAN;
+                            valid[x] = false;
+                        }
+                        if let Some(finite) = finite
+                            && valid[x]
+                        {
+                            valid[x] = near_finite(finite, x as f32 + u[x], y as f32 + v[x]);
+                        }
+                    }
+                }
+            });
+        },
+    )
+}
+
+/// Whether all pixels of the window around (x, y) are finite.
+fn near_finite(finite: &Plane, x: f32, y: f32) -> bool {
+    let range = |at: f32, size: usize| {
+        let at = at.round().max(0.0) as usize;
+        at.saturating_sub(RADIUS)..(at + RADIUS + 1).min(size)
+    };
+    range(y, finite.height())
+        .all(|row| range(x, finite.width()).all(|column| finite.row(row)[column] > 0.0))
+}

@@ -1,0 +1,77 @@
+//! The result of dense flow.
+
+use crate::frame::Plane;
+
+/// Where every pixel went, and how far that can be trusted. Memory is kept when it is filled again.
+#[derive(Debug, Clone, Default)]
+pub struct FlowField {
+    pub(super) width: usize,
+    pub(super) height: usize,
+    pub(super) uv: Vec<f32>,
+    pub(super) valid: Vec<bool>,
+    pub(super) residual: Vec<f32>,
+    pub(super) gain: Plane,
+    pub(super) offset: Plane,
+    pub(super) halvings: usize,
+}
+
+impl FlowField {
+    /// Columns.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    #[must_use]
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// u and v of every pixel, row by row, in pixels from `prev` to `next`; NaN where nothing was to be measured.
+    #[must_use]
+    pub fn uv(&self) -> &[f32] {
+        &self.uv
+    }
+
+    /// Whether each pixel was measured: enough texture, inside of both pictures, a difference that noise explains.
+    #[must_use]
+    pub fn valid(&self) -> &[bool] {
+        &self.valid
+    }
+
+    /// Root mean square difference within the window after motion and light, in grey levels.
+    #[must_use]
+    pub fn residual(&self) -> &[f32] {
+        &self.residual
+    }
+
+    /// Gain and offset of the light, `next = gain * prev + offset`, on a grid whose pixel (x, y) sits over pixel
+    /// (2^k x, 2^k y) of the frame, and k.
+    #[must_use]
+    pub fn light(&self) -> (&Plane, &Plane, usize) {
+        (&self.gain, &self.offset, self.halvings)
+    }
+
+    /// u, v, valid and residual as vectors, without a copy.
+    #[must_use]
+    pub fn into_vectors(self) -> (Vec<f32>, Vec<bool>, Vec<f32>) {
+        (self.uv, self.valid, self.residual)
+    }
+
+    /// Take a size; nothing is measured yet.
+    pub(super) fn reset(&mut self, width: usize, height: usize) {
+        (self.width, self.height) = (width, height);
+        self.uv.clear();
+        self.uv.resize(2 * width * height, f32::NAN);
+        self.valid.clear();
+        self.valid.resize(width * height, false);
+        self.residual.clear();
+        self.residual.resize(width * height, f32::NAN);
+        for (plane, value) in [(&mut self.gain, 1.0), (&mut self.offset, 0.0)] {
+            plane.resize(1, 1);
+            plane.data_mut().fill(value);
+        }
+        self.halvings = 0;
+    }
+}

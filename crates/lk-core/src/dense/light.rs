@@ -1,0 +1,251 @@
+//! The change of light between two pictures, as a gain and an offset that vary slowly over the picture.
+//!
+//! Both come from the means and the deviations of large windows of `prev` and of warped `next`, on coarse levels,
+//! where large windows are cheap. `prev` is then given the light of `next`, so that what remains for the small windows
+//! of the flow is an offset. A ratio of deviations, unlike a regression, is not drawn to zero where the flow is not yet
+//! right.
+
+use crate::frame::Plane;
+use crate::simd::{Level, dispatch_lanes};
+
+use super::grid::{self, PAD};
+use super::step::StepInput;
+use super::warp::WarpRow;
+
+/// Gains outside of this range are no change of light.
+const GAIN: std::ops::RangeInclusive<f64> = 0.2..=5.0;
+
+/// Share of the picture's own variance that is added to a window's: a window without texture takes the gain of the
+/// picture.
+const PRIOR: f64 = 0.02;
+
+/// Gain and offset at each pixel of a coarse level, and the memory to find them.
+#[derive(Debug, Default)]
+pub(super) struct Light {
+    pub(super) gain: Plane,
+    pub(super) offset: Plane,
+    /// Integral images of: weight, p, p p, w, w w.
+    integral: Vec<[f64; 5]>,
+    rows: Vec<f32>,
+}
+
+impl Light {
+    /// Find gain and offset for the flow of `input`: a trend over the whole picture from windows of `2 small + 1`, and
+    /// what windows of `2 large + 1` say beyond it.
+    pub(super) fn estimate(
+        &mut self,
+        input: StepInput<'_>,
+        small: usize,
+        large: usize,
+        level: Level,
+    ) {
+        let (width, height) = (input.prev.width(), input.prev.height());
+        self.gain.resize(width, height);
+        self.offset.resize(width, height);
+        self.gain.data_mut().fill(1.0);
+        self.offset.data_mut().fill(0.0);
+        self.accumulate(input, level);
+        let whole = self.moments(width, (0, 0), (width, height));
+        let mut gain_trend = Trend::default();
+        for y in 0..height {
+            for x in 0..width {
+                let window = self.around(x, y, small);
+                let (from, to) = (window[2] + PRIOR * whole[2], window[4] + PRIOR * whole[4]);
+                if from > 0.0 && to > 0.0 {
+                    gain_trend.add(x, y, 0.5 * (to / from).ln(), (from * to).sqrt());
+                }
+            }
+        }
+        let gain_trend = gain_trend.solve();
+        let gain = |x: usize, y: usize| gain_trend(x, y).exp().clamp(*GAIN.start(), *GAIN.end());
+        let mut offset_trend = Trend::default();
+        for y in 0..height {
+            for x in 0..width {
+                let [n, p, _, w, _] = self.around(x, y, small);
+                if n > 0.0 {
+                    offset_trend.add(x, y, w - gain(x, y) * p, 1.0);
+                }
+            }
+        }
+        let offset = offset_trend.solve();
+        for y in 0..height {
+            for x in 0..width {
+                self.gain.row_mut(y)[x] = gain(x, y) as f32;
+                self.offset.row_mut(y)[x] = offset(x, y) as f32;
+            }
+        }
+        if 2 * large >= width.min(height) {
+            return;
+        }
+        self.accumulate(input, level);
+        let whole = self.moments(width, (0, 0), (width, height));
+        for y in 0..height {
+            for x in 0..width {
+                let (gain, offset) = model(self.around(x, y, large), whole);
+                let (trend_gain, trend_offset) =
+                    (&mut self.gain.row_mut(y)[x], &mut self.offset.row_mut(y)[x]);
+                *trend_gain *= gain as f32;
+                *trend_offset = *trend_offset * gain as f32 + offset as f32;
+            }
+        }
+    }
+
+    fn around(&self, x: usize, y: usize, radius: usize) -> [f64; 5] {
+        let (width, height) = (self.gain.width(), self.gain.height());
+        let (top, bottom) = (y.saturating_sub(radius), (y + radius + 1).min(height));
+        let (left, right) = (x.saturating_sub(radius), (x + radius + 1).min(width));
+        self.moments(width, (left, top), (right, bottom))
+    }
+
+    fn accumulate(&mut self, input: StepInput<'_>, level: Level) {
+        let (width, height) = (input.prev.width(), input.prev.height());
+        let stride = grid::stride(width);
+        self.integral.clear();
+        self.integral.resize((width + 1) * (height + 1), [0.0; 5]);
+        self.rows.resize(2 * stride, 0.0);
+        for y in 0..height {
+            let (warped, inside) = self.rows.split_at_mut(stride);
+            let (u, v) = (input.u.padded(y), input.v.padded(y));
+            dispatch_lanes(
+                level,
+                WarpRow {
+                    next: input.next,
+                    y,
+                    u,
+                    v,
+                    warped: &mut *warped,
+                    inside: &mut *inside,
+                },
+            );
+            let mut sum = [0.0; 5];
+            for x in 0..width {
+                let mut weight = f64::from(inside[PAD + x]);
+                if let Some(plane) = input.weight {
+                    weight *= f64::from(plane.row(y)[x]);
+                }
+                if weight > 0.0 {
+                    let p = self.gain.row(y)[x] * input.prev.row(y)[x] + self.offset.row(y)[x];
+                    let (p, w) = (f64::from(p), f64::from(warped[PAD + x]));
+                    for (sum, value) in sum.iter_mut().zip([1.0, p, p * p, w, w * w]) {
+                        *sum += weight * value;
+                    }
+                }
+                let above = self.integral[y * (width + 1) + x + 1];
+                self.integral[(y + 1) * (width + 1) + x + 1] =
+                    std::array::from_fn(|k| above[k] + sum[k]);
+            }
+        }
+    }
+
+    /// Weight, means and variances (p, then w) within a rectangle.
+    fn moments(
+        &self,
+        width: usize,
+        (left, top): (usize, usize),
+        (right, bottom): (usize, usize),
+    ) -> [f64; 5] {
+        let at = |x: usize, y: usize| self.integral[y * (width + 1) + x];
+        let (a, b, c, d) = (
+            at(left, top),
+            at(right, top),
+            at(left, bottom),
+            at(right, bottom),
+        );
+        let [n, p, pp, w, ww] = std::array::from_fn(|k| (d[k] - c[k]) - (b[k] - a[k]));
+        if n < 1.0 {
+            return [0.0; 5];
+        }
+        let (p, w) = (p / n, w / n);
+        [
+            n,
+            p,
+            (pp / n - p * p).max(0.0),
+            w,
+            (ww / n - w * w).max(0.0),
+        ]
+    }
+
+    /// Give `plane`, a level `times` halvings finer than the one of the estimate, the light of `next`.
+    pub(super) fn apply(&self, plane: &mut Plane, times: usize) {
+        let scale = 1.0 / (1usize << times) as f32;
+        let (width, height) = (plane.width(), plane.height());
+        let (w, h) = (self.gain.width(), self.gain.height());
+        for y in 0..height {
+            let fy = y as f32 * scale;
+            let y0 = (fy as usize).min(h - 1);
+            let y1 = (y0 + 1).min(h - 1);
+            let fy = fy - y0 as f32;
+            let (g0, g1, o0, o1) = (
+                self.gain.row(y0),
+                self.gain.row(y1),
+                self.offset.row(y0),
+                self.offset.row(y1),
+            );
+            let row = plane.row_mut(y);
+            let step = 1usize << times;
+            for x0 in 0..w {
+                let x1 = (x0 + 1).min(w - 1);
+                let g = (
+                    g0[x0] + fy * (g1[x0] - g0[x0]),
+                    g0[x1] + fy * (g1[x1] - g0[x1]),
+                );
+                let o = (
+                    o0[x0] + fy * (o1[x0] - o0[x0]),
+                    o0[x1] + fy * (o1[x1] - o0[x1]),
+                );
+                let end = ((x0 + 1) * step).min(width);
+                for (k, pixel) in row[(x0 * step).min(width)..end].iter_mut().enumerate() {
+                    let fx = k as f32 * scale;
+                    *pixel = (g.0 + fx * (g.1 - g.0)) * *pixel + (o.0 + fx * (o.1 - o.0));
+                }
+            }
+        }
+    }
+}
+
+fn model(window: [f64; 5], whole: [f64; 5]) -> (f64, f64) {
+    let [n, p, pp, w, ww] = window;
+    let [all, _, whole_pp, _, whole_ww] = whole;
+    if n < 1.0 || all < 1.0 {
+        return (1.0, 0.0);
+    }
+    let (from, to) = (pp + PRIOR * whole_pp, ww + PRIOR * whole_ww);
+    let gain = if from > 0.0 && to > 0.0 {
+        (to / from).sqrt()
+    } else {
+        1.0
+    };
+    let gain = gain.clamp(*GAIN.start(), *GAIN.end());
+    (gain, w - gain * p)
+}
+
+/// A weighted least squares fit of c0 + c1 x + c2 y.
+#[derive(Default)]
+struct Trend {
+    sums: [f64; 9],
+}
+
+impl Trend {
+    fn add(&mut self, x: usize, y: usize, value: f64, weight: f64) {
+        let (x, y) = (x as f64, y as f64);
+        let terms = [1.0, x, y, x * x, x * y, y * y, value, x * value, y * value];
+        for (sum, term) in self.sums.iter_mut().zip(terms) {
+            *sum += weight * term;
+        }
+    }
+
+    fn solve(self) -> impl Fn(usize, usize) -> f64 {
+        let [n, x, y, xx, xy, yy, v, xv, yv] = self.sums;
+        let n = if n > 0.0 { n } else { 1.0 };
+        let (mx, my, mv) = (x / n, y / n, v / n);
+        let (cxx, cxy, cyy) = (xx / n - mx * mx, xy / n - mx * my, yy / n - my * my);
+        let (cxv, cyv) = (xv / n - mx * mv, yv / n - my * mv);
+        let det = cxx * cyy - cxy * cxy;
+        let (sx, sy) = if det > 1e-6 * cxx * cyy && det > 0.0 {
+            ((cyy * cxv - cxy * cyv) / det, (cxx * cyv - cxy * cxv) / det)
+        } else {
+            (0.0, 0.0)
+        };
+        move |x, y| mv + sx * (x as f64 - mx) + sy * (y as f64 - my)
+    }
+}

@@ -1,0 +1,414 @@
+//! Dense flow: where every pixel went.
+//!
+//! Coarse to fine. On each level the light of `prev` is brought to that of `next` ([`light`]), then a few
+//! Lucas-Kanade steps over all pixels ([`step`]), after each of which a pixel may take the flow of a neighbour whose
+//! window fits better ([`select`]) and a median removes what stands out ([`median`]). At the end every window is
+//! judged once more ([`assess`]).
+
+mod assess;
+mod field;
+mod grid;
+mod light;
+mod median;
+mod options;
+mod scratch;
+mod select;
+mod step;
+mod upsample;
+mod warp;
+mod weights;
+
+use crate::error::{Error, Result};
+use crate::execution::Execution;
+use crate::frame::{Frame, Pixel, Plane};
+use crate::illumination::Illumination;
+use crate::pyramid::Pyramid;
+
+pub use field::FlowField;
+pub use options::{DenseHints, DenseOptions, LevelRecipe, Preset, Recipe};
+
+use grid::Grid;
+use light::Light;
+use step::{StepInput, StepOptions};
+
+/// A level is not halved below this, in pixels of its shorter side: the windows of the coarsest level must stay small
+/// beside it.
+const SMALLEST: usize = 16;
+
+/// Light is estimated on levels of at most this many pixels along the longer side, and carried over to finer ones.
+const LIGHT_SIZE: usize = 200;
+/// Half the windows of its trend over the picture, and of what differs locally, in pixels of those levels.
+const LIGHT_RADII: (usize, usize) = (3, 8);
+
+/// Dense flow from frame to frame; keeps its memory and the pyramid of the frame before.
+///
+/// ```
+/// use lk_core::{DenseFlow, DenseHints, DenseOptions, FlowField};
+/// use ndarray::Array2;
+///
+/// let frame = |shift: f32| Array2::from_shape_fn((64, 80), |(y, x)| {
+///     let x = x as f32 - shift;
+///     128.0 + 50.0 * (0.3 * x).sin() * (0.25 * y as f32).cos() + 30.0 * (0.5 * x + 0.4 * y as f32).sin()
+/// });
+/// let mut flow = DenseFlow::new(DenseOptions::default())?;
+/// let mut field = FlowField::default();
+/// assert!(!flow.update(frame(0.0).view(), DenseHints::default(), &mut field)?);
+/// assert!(flow.update(frame(1.5).view(), DenseHints::default(), &mut field)?);
+/// let middle = 2 * (32 * 80 + 40);
+/// assert!((field.uv()[middle] - 1.5).abs() < 0.1 && field.uv()[middle + 1].abs() < 0.1);
+/// # Ok::<(), lk_core::Error>(())
+/// ```
+#[derive(Debug)]
+pub struct DenseFlow {
+    options: DenseOptions,
+    prev: Source,
+    next: Source,
+    /// Whether `next` holds the frame before.
+    primed: bool,
+    memory: Memory,
+}
+
+/// A frame, ready to be compared.
+#[derive(Debug, Default)]
+struct Source {
+    pyramid: Pyramid,
+    /// 1 where the frame is finite; of no size where it is everywhere.
+    finite: Plane,
+}
+
+/// Planes that are kept from call to call.
+#[derive(Debug, Default)]
+struct Memory {
+    flow: [Grid; 2],
+    spare: [Grid; 2],
+    energy: Grid,
+    light: Light,
+    weights: Vec<Plane>,
+}
+
+/// Dense flow of one pair.
+///
+/// # Errors
+///
+/// [`Error::Shape`] if the frames or hints differ in size, [`Error::Option`] for options outside of what they allow,
+/// those of the execution.
+pub fn dense_flow<T: Pixel>(
+    prev: Frame<'_, T>,
+    next: Frame<'_, T>,
+    hints: DenseHints<'_>,
+    options: &DenseOptions,
+) -> Result<FlowField> {
+    let mut field = FlowField::default();
+    DenseFlow::new(options.clone())?.pair(prev, next, hints, &mut field)?;
+    Ok(field)
+}
+
+impl DenseFlow {
+    /// An estimator that has seen no frame yet.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Option`] for options outside of what they allow.
+    pub fn new(options: DenseOptions) -> Result<Self> {
+        options.validate()?;
+        Ok(Self {
+            options,
+            prev: Source::default(),
+            next: Source::default(),
+            primed: false,
+            memory: Memory::default(),
+        })
+    }
+
+    /// Run the coming calls with another execution.
+    pub fn set_execution(&mut self, execution: Execution) {
+        self.options.execution = execution;
+    }
+
+    /// Forget the frame before.
+    pub fn reset(&mut self) {
+        self.primed = false;
+    }
+
+    /// The flow from the frame before to `frame`; false, and `field` untouched, for the first one.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] if the frame or the hints have another size than the frame before, those of the execution.
+    /// After an error the next frame is a first one.
+    pub fn update<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        hints: DenseHints<'_>,
+        field: &mut FlowField,
+    ) -> Result<bool> {
+        let primed = std::mem::replace(&mut self.primed, false);
+        check_hints(frame.dim(), hints)?;
+        if primed {
+            std::mem::swap(&mut self.prev, &mut self.next);
+            let before = &self.prev.pyramid.levels()[0];
+            check_sizes((before.height(), before.width()), frame.dim())?;
+        }
+        let levels = self.levels(frame.dim());
+        self.next.read(frame, levels, &self.options.execution)?;
+        if primed {
+            self.measure(hints, field)?;
+        }
+        self.primed = true;
+        Ok(primed)
+    }
+
+    /// The flow from `prev` to `next`; the frame before, for [`DenseFlow::update`], is forgotten.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] if the frames or hints differ in size, those of the execution.
+    pub fn pair<T: Pixel>(
+        &mut self,
+        prev: Frame<'_, T>,
+        next: Frame<'_, T>,
+        hints: DenseHints<'_>,
+        field: &mut FlowField,
+    ) -> Result<()> {
+        self.primed = false;
+        check_sizes(prev.dim(), next.dim())?;
+        check_hints(prev.dim(), hints)?;
+        let levels = self.levels(prev.dim());
+        self.prev.read(prev, levels, &self.options.execution)?;
+        self.next.read(next, levels, &self.options.execution)?;
+        self.measure(hints, field)
+    }
+
+    /// Levels of the pyramid for a frame of this (height, width).
+    fn levels(&self, (height, width): (usize, usize)) -> usize {
+        let mut size = width.min(height);
+        let mut levels = 1;
+        // Each level doubles the reach: about 2 pixels on the coarsest.
+        let mut reach = 2.0;
+        let wanted = self.options.max_displacement.unwrap_or(f32::MAX);
+        while size > SMALLEST && reach < wanted {
+            size = size.div_ceil(2);
+            levels += 1;
+            reach *= 2.0;
+        }
+        levels
+    }
+
+    fn measure(&mut self, hints: DenseHints<'_>, field: &mut FlowField) -> Result<()> {
+        let Self {
+            options,
+            prev,
+            next,
+            memory,
+            ..
+        } = self;
+        let execution = &options.execution;
+        let base = &prev.pyramid.levels()[0];
+        let (width, height) = (base.width(), base.height());
+        field.reset(width, height);
+        if width < 2 || height < 2 {
+            return Ok(());
+        }
+        let finite = Some(&prev.finite).filter(|plane| plane.width() > 0);
+        let weighted = hints.mask.is_some() || finite.is_some();
+        if weighted {
+            weights::pyramid(hints.mask, finite, &prev.pyramid, &mut memory.weights);
+        }
+        let count = prev.pyramid.levels().len();
+        let coarsest = memory.start(&prev.pyramid, hints);
+        let mut lit = count;
+        for level in (0..=coarsest).rev() {
+            execution.check()?;
+            let Memory {
+                flow,
+                spare,
+                energy,
+                light,
+                weights,
+            } = &mut *memory;
+            let weight = weighted.then(|| &weights[level]);
+            let plane = &prev.pyramid.levels()[level];
+            if level < coarsest {
+                for (flow, spare) in flow.iter_mut().zip(&mut *spare) {
+                    upsample::upsample(flow, (plane.width(), plane.height()), spare, execution)?;
+                    std::mem::swap(flow, spare);
+                }
+            }
+            let centred = options.illumination != Illumination::None;
+            if options.illumination == Illumination::GainOffset {
+                if level == coarsest || plane.width().max(plane.height()) <= LIGHT_SIZE {
+                    let [u, v] = &*flow;
+                    let input = StepInput {
+                        prev: plane,
+                        next: &next.pyramid.levels()[level],
+                        u,
+                        v,
+                        weight,
+                    };
+                    light.estimate(input, LIGHT_RADII.0, LIGHT_RADII.1, execution.simd_level());
+                    lit = level;
+                }
+                light.apply(&mut prev.pyramid.levels_mut()[level], lit - level);
+            }
+            let recipe = options.recipe.levels[level.min(2)];
+            let step_options = StepOptions {
+                radius: recipe.radius,
+                centred,
+                damping: options.recipe.damping,
+                longest: options.recipe.longest,
+            };
+            let (a, b) = (&prev.pyramid.levels()[level], &next.pyramid.levels()[level]);
+            for _ in 0..recipe.steps {
+                execution.check()?;
+                let [u, v] = flow;
+                let [to_u, to_v] = spare;
+                let input = StepInput {
+                    prev: a,
+                    next: b,
+                    u,
+                    v,
+                    weight,
+                };
+                step::step(
+                    input,
+                    &step_options,
+                    (&mut *to_u, &mut *to_v, &mut *energy),
+                    execution,
+                )?;
+                if recipe.distance > 0 {
+                    let better = options.recipe.better;
+                    select::select(
+                        (to_u, to_v),
+                        energy,
+                        recipe.distance,
+                        better,
+                        (&mut *u, &mut *v),
+                        execution,
+                    )?;
+                } else {
+                    std::mem::swap(u, to_u);
+                    std::mem::swap(v, to_v);
+                }
+                if recipe.median > 0 {
+                    for (from, to) in [(&mut *u, &mut *to_u), (&mut *v, &mut *to_v)] {
+                        median::median(from, recipe.median, to, execution)?;
+                        std::mem::swap(from, to);
+                    }
+                }
+            }
+        }
+        if options.illumination == Illumination::GainOffset {
+            field.gain.clone_from(&memory.light.gain);
+            field.offset.clone_from(&memory.light.offset);
+            field.halvings = lit;
+        }
+        let Memory {
+            flow: [u, v],
+            weights,
+            ..
+        } = &*memory;
+        let input = StepInput {
+            prev: &prev.pyramid.levels()[0],
+            next: &next.pyramid.levels()[0],
+            u,
+            v,
+            weight: weighted.then(|| &weights[0]),
+        };
+        let bad = Some(&next.finite).filter(|plane| plane.width() > 0);
+        assess::assess(
+            input,
+            bad,
+            options.illumination != Illumination::None,
+            field,
+            execution,
+        )
+    }
+}
+
+impl Memory {
+    /// Set the flow on the level to begin with, and return that level.
+    fn start(&mut self, pyramid: &Pyramid, hints: DenseHints<'_>) -> usize {
+        let coarsest = pyramid.levels().len() - 1;
+        let level = match hints.initial {
+            Some(_) => coarsest.min(2),
+            None => coarsest,
+        };
+        let plane = &pyramid.levels()[level];
+        for (axis, grid) in self.flow.iter_mut().enumerate() {
+            grid.resize(plane.width(), plane.height());
+            grid.fill(0.0);
+            let Some(initial) = hints.initial else {
+                continue;
+            };
+            let scale = 1usize << level;
+            for y in 0..plane.height() {
+                let row = grid.padded_mut(y);
+                for x in 0..plane.width() {
+                    let value = initial[(y * scale, x * scale, axis)];
+                    row[grid::PAD + x] = if value.is_finite() {
+                        value / scale as f32
+                    } else {
+                        0.0
+                    };
+                }
+                grid::extend(row, plane.width());
+            }
+        }
+        level
+    }
+}
+
+impl Source {
+    fn read<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        levels: usize,
+        execution: &Execution,
+    ) -> Result<()> {
+        self.pyramid.rebuild(frame, levels, execution)?;
+        self.finite.resize(0, 0);
+        if !weights::all_finite(&self.pyramid.levels()[0]) {
+            weights::fill(&mut self.pyramid.levels_mut()[0], &mut self.finite);
+            self.pyramid.reduce_again(execution)?;
+        }
+        Ok(())
+    }
+}
+
+fn check_sizes(prev: (usize, usize), next: (usize, usize)) -> Result<()> {
+    if prev == next {
+        return Ok(());
+    }
+    Err(Error::shape(
+        "next",
+        format!("({}, {})", next.0, next.1),
+        format!("the size of prev, ({}, {})", prev.0, prev.1),
+    ))
+}
+
+fn check_hints((height, width): (usize, usize), hints: DenseHints<'_>) -> Result<()> {
+    if let Some(mask) = hints.mask
+        && mask.dim() != (height, width)
+    {
+        let got = format!("({}, {})", mask.dim().0, mask.dim().1);
+        return Err(Error::shape(
+            "mask",
+            got,
+            format!("that of the frames, ({height}, {width})"),
+        ));
+    }
+    if let Some(initial) = hints.initial
+        && initial.dim() != (height, width, 2)
+    {
+        let (h, w, d) = initial.dim();
+        return Err(Error::shape(
+            "initial",
+            format!("({h}, {w}, {d})"),
+            format!("({height}, {width}, 2)"),
+        ));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,19 @@
+//! Row buffers that a thread keeps from band to band and from call to call.
+
+use std::cell::RefCell;
+
+thread_local! {
+    static MEMORY: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) };
+}
+
+/// Call `work` with `size` elements of unspecified content that belong to this thread.
+///
+/// `work` must not call it again.
+pub(super) fn with_scratch<R>(size: usize, work: impl FnOnce(&mut [f32]) -> R) -> R {
+    MEMORY.with_borrow_mut(|memory| {
+        if memory.len() < size {
+            memory.resize(size, 0.0);
+        }
+        work(&mut memory[..size])
+    })
+}

@@ -1,0 +1,630 @@
+//! Properties of the whole, and the parts against a plain reference in f64.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use ndarray::{Array2, Array3, s};
+use proptest::prelude::*;
+
+use super::*;
+use crate::simd::Level;
+
+/// A smooth scene with texture at several scales, seen after a motion of (u, v).
+fn scene(height: usize, width: usize, u: f64, v: f64) -> Array2<f32> {
+    Array2::from_shape_fn((height, width), |(y, x)| {
+        let (x, y) = (x as f64 - u, y as f64 - v);
+        let value = 120.0
+            + 18.0 * (0.31 * x + 0.12 * y).sin()
+            + 15.0 * (0.27 * y - 0.18 * x).cos()
+            + 30.0 * (0.055 * x + 0.043 * y).sin()
+            + 30.0 * (0.048 * y - 0.037 * x).cos()
+            + 12.0 * (0.61 * x).cos() * (0.53 * y).sin();
+        value as f32
+    })
+}
+
+fn measure<T: Pixel>(prev: Frame<'_, T>, next: Frame<'_, T>, options: &DenseOptions) -> FlowField {
+    dense_flow(prev, next, DenseHints::default(), options).unwrap()
+}
+
+/// Mean error over the picture without a border of 8 pixels.
+fn error(field: &FlowField, u: f32, v: f32) -> f32 {
+    let (mut sum, mut count) = (0.0, 0.0f32);
+    for y in 8..field.height() - 8 {
+        for x in 8..field.width() - 8 {
+            let at = 2 * (y * field.width() + x);
+            sum += (field.uv()[at] - u).hypot(field.uv()[at + 1] - v);
+            count += 1.0;
+        }
+    }
+    sum / count
+}
+
+fn same_bits(a: &FlowField, b: &FlowField) -> bool {
+    let bits = |values: &[f32]| {
+        values
+            .iter()
+            .map(|value| value.to_bits())
+            .collect::<Vec<_>>()
+    };
+    bits(a.uv()) == bits(b.uv())
+        && bits(a.residual()) == bits(b.residual())
+        && a.valid() == b.valid()
+        && bits(a.light().0.data()) == bits(b.light().0.data())
+}
+
+const PRESETS: [Preset; 3] = [Preset::Fast, Preset::Balanced, Preset::Accurate];
+
+#[test]
+fn a_shift_is_found_in_any_light() {
+    let (height, width) = (150, 190);
+    let prev = scene(height, width, 0.0, 0.0);
+    for preset in PRESETS {
+        for (u, v) in [(0.4, -0.3), (3.3, 2.6), (-9.4, 6.2)] {
+            let steady = scene(height, width, u, v);
+            let lights: [(&str, f32, Array2<f32>); 4] = [
+                ("steady", 0.06, steady.clone()),
+                ("offset", 0.06, steady.mapv(|a| a + 25.0)),
+                ("gain", 0.06, steady.mapv(|a| 0.75 * a + 10.0)),
+                ("ramp", 0.12, {
+                    let mut lit = steady.clone();
+                    lit.indexed_iter_mut()
+                        .for_each(|((_, x), a)| *a *= 0.8 + 0.4 * x as f32 / width as f32);
+                    lit
+                }),
+            ];
+            for (light, most, next) in lights {
+                let field = measure(
+                    prev.view(),
+                    next.view(),
+                    &DenseOptions::default().preset(preset),
+                );
+                let error = error(&field, u as f32, v as f32);
+                assert!(error < most, "{preset:?} ({u}, {v}) {light}: {error}");
+                let valid = field.valid().iter().filter(|valid| **valid).count();
+                assert!(
+                    valid > height * width / 2,
+                    "{preset:?} ({u}, {v}) {light}: {valid} valid"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn the_light_is_reported() {
+    let prev = scene(150, 190, 0.0, 0.0);
+    let next = scene(150, 190, 1.0, 0.5).mapv(|a| 0.8 * a + 15.0);
+    let field = measure(prev.view(), next.view(), &DenseOptions::default());
+    let (gain, offset, halvings) = field.light();
+    let (x, y) = (gain.width() / 2, gain.height() / 2);
+    assert_eq!(gain.width(), 190usize.div_ceil(1 << halvings));
+    assert!((gain.row(y)[x] - 0.8).abs() < 0.02, "{}", gain.row(y)[x]);
+    assert!(
+        (offset.row(y)[x] - 15.0).abs() < 3.0,
+        "{}",
+        offset.row(y)[x]
+    );
+}
+
+#[test]
+fn identical_frames_give_exactly_zero() {
+    let noise = Array2::from_shape_fn((67, 93), |(y, x)| ((y * 7919 + x * 104_729) % 251) as u8);
+    for preset in PRESETS {
+        for illumination in [
+            Illumination::None,
+            Illumination::Offset,
+            Illumination::GainOffset,
+        ] {
+            let options = DenseOptions::default()
+                .preset(preset)
+                .illumination(illumination);
+            let field = measure(noise.view(), noise.view(), &options);
+            assert!(
+                field.uv().iter().all(|value| *value == 0.0),
+                "{preset:?} {illumination}"
+            );
+            assert!(field.residual().iter().all(|value| *value == 0.0));
+        }
+    }
+}
+
+#[test]
+fn threads_and_instructions_change_no_bit() {
+    let (prev, next) = (scene(131, 170, 0.0, 0.0), scene(131, 170, 2.3, -1.2));
+    for preset in PRESETS {
+        let options = DenseOptions::default().preset(preset);
+        let run = |execution| {
+            measure(
+                prev.view(),
+                next.view(),
+                &options.clone().execution(execution),
+            )
+        };
+        let want = run(Execution::default().threads(1).level(Level::Baseline));
+        for threads in [1, 2, 7] {
+            for level in Level::available() {
+                let got = run(Execution::default().threads(threads).level(level));
+                assert!(same_bits(&want, &got), "{preset:?} {threads} {level:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn strides_and_types_change_no_bit() {
+    let frame = |u: f64| scene(90, 120, u, 0.0).mapv(|a| a.round() as u8);
+    let (prev, next) = (frame(0.0), frame(1.7));
+    let options = DenseOptions::default();
+    let cut = s![5..80, 8..101];
+    let want = measure(
+        prev.slice(cut).to_owned().view(),
+        next.slice(cut).to_owned().view(),
+        &options,
+    );
+    assert!(same_bits(
+        &want,
+        &measure(prev.slice(cut), next.slice(cut), &options)
+    ));
+    let (deep_prev, deep_next) = (prev.mapv(u16::from), next.mapv(u16::from));
+    assert!(same_bits(
+        &want,
+        &measure(deep_prev.slice(cut), deep_next.slice(cut), &options)
+    ));
+    let (prev, next) = (prev.mapv(f32::from), next.mapv(f32::from));
+    let (prev, next) = (
+        prev.slice(cut).reversed_axes(),
+        next.slice(cut).reversed_axes(),
+    );
+    let (prev, next) = (prev.to_owned(), next.to_owned());
+    assert!(same_bits(&want, &measure(prev.t(), next.t(), &options)));
+}
+
+#[test]
+fn a_sequence_gives_the_bits_of_its_pairs() {
+    let frames: Vec<_> = (0..4)
+        .map(|k| scene(80, 100, 1.3 * f64::from(k), 0.4 * f64::from(k)))
+        .collect();
+    let options = DenseOptions::default();
+    let (mut flow, mut field) = (
+        DenseFlow::new(options.clone()).unwrap(),
+        FlowField::default(),
+    );
+    for (k, frame) in frames.iter().enumerate() {
+        let measured = flow
+            .update(frame.view(), DenseHints::default(), &mut field)
+            .unwrap();
+        assert_eq!(measured, k > 0);
+        if k > 0 {
+            assert!(
+                same_bits(
+                    &measure(frames[k - 1].view(), frame.view(), &options),
+                    &field
+                ),
+                "{k}"
+            );
+        }
+    }
+    flow.reset();
+    assert!(
+        !flow
+            .update(frames[0].view(), DenseHints::default(), &mut field)
+            .unwrap()
+    );
+}
+
+#[test]
+fn every_size_is_answered() {
+    for (height, width) in [
+        (0, 0),
+        (0, 5),
+        (1, 1),
+        (1, 40),
+        (40, 1),
+        (2, 2),
+        (3, 17),
+        (5, 4),
+        (16, 16),
+        (17, 33),
+    ] {
+        let (prev, next) = (
+            scene(height, width, 0.0, 0.0),
+            scene(height, width, 0.5, 0.0),
+        );
+        for preset in PRESETS {
+            let field = measure(
+                prev.view(),
+                next.view(),
+                &DenseOptions::default().preset(preset),
+            );
+            assert_eq!(field.uv().len(), 2 * height * width);
+            let measurable = height >= 2 && width >= 2;
+            assert!(
+                field
+                    .uv()
+                    .iter()
+                    .all(|value| value.is_finite() == measurable),
+                "{height} {width}"
+            );
+            assert!(measurable || !field.valid().iter().any(|valid| *valid));
+        }
+    }
+}
+
+#[test]
+fn without_texture_nothing_is_valid() {
+    let flat = Array2::from_elem((60, 80), 100u8);
+    let edge = Array2::from_shape_fn((60, 80), |(_, x)| if x < 40 { 50u8 } else { 200 });
+    for frame in [flat, edge] {
+        let field = measure(frame.view(), frame.view(), &DenseOptions::default());
+        assert!(!field.valid().iter().any(|valid| *valid));
+    }
+}
+
+#[test]
+fn what_is_not_finite_stays_where_it_is() {
+    let (mut prev, mut next) = (scene(120, 160, 0.0, 0.0), scene(120, 160, 1.5, 0.5));
+    prev[(40, 50)] = f32::NAN;
+    prev.slice_mut(s![60..64, 100..110]).fill(f32::INFINITY);
+    next[(90, 30)] = f32::NEG_INFINITY;
+    for preset in PRESETS {
+        let field = measure(
+            prev.view(),
+            next.view(),
+            &DenseOptions::default().preset(preset),
+        );
+        for y in 0..120 {
+            for x in 0..160 {
+                let at = y * 160 + x;
+                assert_eq!(
+                    field.uv()[2 * at].is_nan(),
+                    !prev[(y, x)].is_finite(),
+                    "{x} {y}"
+                );
+            }
+        }
+        assert!(!field.valid()[90 * 160 + 29] && !field.valid()[89 * 160 + 28]);
+        let (at, far) = (2 * (40 * 160 + 56), 2 * (20 * 160 + 120));
+        for at in [at, far] {
+            assert!(
+                (field.uv()[at] - 1.5).hypot(field.uv()[at + 1] - 0.5) < 0.2,
+                "{preset:?}"
+            );
+        }
+    }
+    let nothing = Array2::from_elem((50, 60), f32::NAN);
+    let field = measure(nothing.view(), nothing.view(), &DenseOptions::default());
+    assert!(
+        field.uv().iter().all(|value| value.is_nan()) && !field.valid().iter().any(|valid| *valid)
+    );
+}
+
+#[test]
+fn a_mask_keeps_other_motion_out() {
+    let (prev, mut next) = (scene(120, 160, 0.0, 0.0), scene(120, 160, 1.5, 0.5));
+    next.slice_mut(s![.., 80..])
+        .assign(&scene(120, 160, -4.0, 3.0).slice(s![.., 80..]));
+    let mask = Array2::from_shape_fn((120, 160), |(_, x)| x < 76);
+    let hints = DenseHints {
+        mask: Some(mask.view()),
+        ..DenseHints::default()
+    };
+    let field = dense_flow(prev.view(), next.view(), hints, &DenseOptions::default()).unwrap();
+    for y in 10..110 {
+        for x in 8..160 {
+            let at = y * 160 + x;
+            let (u, v) = (field.uv()[2 * at], field.uv()[2 * at + 1]);
+            assert_eq!(u.is_nan(), x >= 76);
+            assert!(
+                x >= 72 || (u - 1.5).hypot(v - 0.5) < 0.3,
+                "{x} {y}: {u} {v}"
+            );
+            assert!(x < 76 || !field.valid()[at]);
+        }
+    }
+}
+
+#[test]
+fn an_initial_flow_leads_to_what_is_beyond_the_pyramid() {
+    let (prev, next) = (scene(120, 160, 0.0, 0.0), scene(120, 160, 25.0, -18.0));
+    let mut initial = Array3::from_elem((120, 160, 2), 24.0f32);
+    initial.slice_mut(s![.., .., 1]).fill(-17.0);
+    initial[(0, 0, 0)] = f32::NAN;
+    let hints = DenseHints {
+        initial: Some(initial.view()),
+        ..DenseHints::default()
+    };
+    let field = dense_flow(prev.view(), next.view(), hints, &DenseOptions::default()).unwrap();
+    let at = 2 * (70 * 160 + 60);
+    assert!((field.uv()[at] - 25.0).hypot(field.uv()[at + 1] + 18.0) < 0.1);
+}
+
+#[test]
+fn misuse_is_refused_with_a_message() {
+    let (small, large) = (Array2::<u8>::zeros((4, 5)), Array2::<u8>::zeros((4, 6)));
+    let options = DenseOptions::default();
+    let message = |result: Result<FlowField>| result.unwrap_err().to_string();
+    assert_eq!(
+        message(dense_flow(
+            small.view(),
+            large.view(),
+            DenseHints::default(),
+            &options
+        )),
+        "next: got (4, 6), expected the size of prev, (4, 5)"
+    );
+    let mask = Array2::from_elem((5, 4), true);
+    let hints = DenseHints {
+        mask: Some(mask.view()),
+        ..DenseHints::default()
+    };
+    assert_eq!(
+        message(dense_flow(small.view(), small.view(), hints, &options)),
+        "mask: got (5, 4), expected that of the frames, (4, 5)"
+    );
+    let initial = Array3::zeros((4, 5, 3));
+    let hints = DenseHints {
+        initial: Some(initial.view()),
+        ..DenseHints::default()
+    };
+    assert_eq!(
+        message(dense_flow(small.view(), small.view(), hints, &options)),
+        "initial: got (4, 5, 3), expected (4, 5, 2)"
+    );
+    for most in [0.0, -1.0, f32::NAN, f32::INFINITY] {
+        let error =
+            DenseFlow::new(DenseOptions::default().max_displacement(Some(most))).unwrap_err();
+        let want =
+            format!("max_displacement: got {most}, expected a positive number of pixels, or None");
+        assert_eq!(error.to_string(), want);
+    }
+    assert_eq!(
+        "slow".parse::<Preset>().unwrap_err().to_string(),
+        "preset: got \"slow\", expected \"fast\", \"balanced\" or \"accurate\""
+    );
+    let recipe = Recipe::new(Preset::Fast);
+    let bad = |change: fn(&mut Recipe)| {
+        let mut recipe = recipe;
+        change(&mut recipe);
+        DenseOptions::default()
+            .recipe(recipe)
+            .validate()
+            .unwrap_err()
+            .to_string()
+    };
+    assert_eq!(
+        bad(|recipe| recipe.levels[0].radius = 4),
+        "radius: got 4, expected 1, 2 or 3"
+    );
+    assert_eq!(
+        bad(|recipe| recipe.levels[1].distance = 17),
+        "distance: got 17, expected 0 to 16 pixels"
+    );
+    assert_eq!(
+        bad(|recipe| recipe.levels[2].median = 4),
+        "median: got 4, expected 0, 3 or 5"
+    );
+    assert_eq!(
+        bad(|recipe| recipe.damping = 0.0),
+        "damping: got 0, expected a positive number"
+    );
+}
+
+#[test]
+fn a_raised_flag_cancels_and_the_next_frame_is_a_first_one() {
+    let frame = scene(60, 80, 0.0, 0.0);
+    let flag = Arc::new(AtomicBool::new(false));
+    let options = DenseOptions::default()
+        .execution(Execution::default().threads(1).cancel(Arc::clone(&flag)));
+    let (mut flow, mut field) = (DenseFlow::new(options).unwrap(), FlowField::default());
+    assert!(
+        !flow
+            .update(frame.view(), DenseHints::default(), &mut field)
+            .unwrap()
+    );
+    flag.store(true, std::sync::atomic::Ordering::Relaxed);
+    let error = flow
+        .update(frame.view(), DenseHints::default(), &mut field)
+        .unwrap_err();
+    assert_eq!(error, Error::Cancelled);
+    flag.store(false, std::sync::atomic::Ordering::Relaxed);
+    assert!(
+        !flow
+            .update(frame.view(), DenseHints::default(), &mut field)
+            .unwrap()
+    );
+}
+
+/// A grid of pseudo-random values within `-most..most`.
+fn noise(width: usize, height: usize, seed: u32, most: f32) -> Grid {
+    let mut grid = Grid::default();
+    grid.resize(width, height);
+    let mut state = seed.wrapping_mul(747_796_405).wrapping_add(1);
+    for y in 0..height {
+        let row = grid.padded_mut(y);
+        for value in &mut row[grid::PAD..grid::PAD + width] {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            *value = ((state >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * most;
+        }
+        grid::extend(row, width);
+    }
+    grid
+}
+
+fn at(grid: &Grid, y: isize, x: isize) -> f32 {
+    let clamp = |value: isize, size: usize| value.clamp(0, size as isize - 1) as usize;
+    grid.row(clamp(y, grid.height()))[clamp(x, grid.width())]
+}
+
+/// One step at one pixel by its definition, in f64: (u, v, energy).
+fn reference_step(
+    (prev, next): (&Plane, &Plane),
+    (u, v): (&Grid, &Grid),
+    options: &StepOptions,
+    (y, x): (usize, usize),
+) -> (f64, f64, f64) {
+    let (width, height) = (prev.width(), prev.height());
+    let sample = |x: f64, y: f64| {
+        let (x, y) = (
+            x.clamp(0.0, (width - 1) as f64),
+            y.clamp(0.0, (height - 1) as f64),
+        );
+        let (column, row) = ((x as usize).min(width - 2), (y as usize).min(height - 2));
+        let (fx, fy) = (x - column as f64, y - row as f64);
+        let value = |dy: usize, dx: usize| f64::from(next.row(row + dy)[column + dx]);
+        (1.0 - fy) * ((1.0 - fx) * value(0, 0) + fx * value(0, 1))
+            + fy * ((1.0 - fx) * value(1, 0) + fx * value(1, 1))
+    };
+    let place = |y: usize, x: usize| {
+        (
+            x as f64 + f64::from(u.row(y)[x]),
+            y as f64 + f64::from(v.row(y)[x]),
+        )
+    };
+    let warped = |y: usize, x: usize| {
+        let (at_x, at_y) = place(y, x);
+        sample(at_x, at_y)
+    };
+    let both = |y: usize, x: usize| f64::from(prev.row(y)[x]) + warped(y, x);
+    let mut window = Vec::new();
+    for y in y.saturating_sub(options.radius)..(y + options.radius + 1).min(height) {
+        for x in x.saturating_sub(options.radius)..(x + options.radius + 1).min(width) {
+            let (at_x, at_y) = place(y, x);
+            if at_x < 0.0 || at_y < 0.0 || at_x > (width - 1) as f64 || at_y > (height - 1) as f64 {
+                continue;
+            }
+            let gx = 0.25 * (both(y, (x + 1).min(width - 1)) - both(y, x.saturating_sub(1)));
+            let gy = 0.25 * (both((y + 1).min(height - 1), x) - both(y.saturating_sub(1), x));
+            window.push([gx, gy, warped(y, x) - f64::from(prev.row(y)[x])]);
+        }
+    }
+    let n = window.len().max(1) as f64;
+    let mean = |k: usize| {
+        if options.centred {
+            window.iter().map(|q| q[k]).sum::<f64>() / n
+        } else {
+            0.0
+        }
+    };
+    let means = [mean(0), mean(1), mean(2)];
+    let cov = |j: usize, k: usize| {
+        window
+            .iter()
+            .map(|q| (q[j] - means[j]) * (q[k] - means[k]))
+            .sum::<f64>()
+            / n
+    };
+    let damping = f64::from(options.damping);
+    let (xx, xy, yy) = (cov(0, 0) + damping, cov(0, 1), cov(1, 1) + damping);
+    let det = xx * yy - xy * xy;
+    let limit = |step: f64| step.clamp(-f64::from(options.longest), f64::from(options.longest));
+    (
+        f64::from(u.row(y)[x]) + limit((xy * cov(1, 2) - yy * cov(0, 2)) / det),
+        f64::from(v.row(y)[x]) + limit((xy * cov(0, 2) - xx * cov(1, 2)) / det),
+        cov(2, 2),
+    )
+}
+
+fn plane(grid: &Grid, scale: f32) -> Plane {
+    let mut plane = Plane::new(grid.width(), grid.height());
+    for y in 0..grid.height() {
+        for (to, from) in plane.row_mut(y).iter_mut().zip(grid.row(y)) {
+            *to = 100.0 + scale * from;
+        }
+    }
+    plane
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn a_step_is_the_least_squares_of_its_window(
+        width in 2usize..40, height in 2usize..20, seed in any::<u32>(), radius in 1usize..4, centred in any::<bool>()
+    ) {
+        let (prev, next) = (noise(width, height, seed, 1.0), noise(width, height, seed ^ 0x5555, 1.0));
+        let (prev, next) = (plane(&prev, 40.0), plane(&next, 40.0));
+        let (u, v) = (noise(width, height, seed ^ 1, 2.5), noise(width, height, seed ^ 2, 2.5));
+        let options = StepOptions { radius, centred, damping: 1.0, longest: 1.0 };
+        for level in Level::available() {
+            let execution = Execution::default().threads(2).level(level);
+            let (mut to_u, mut to_v, mut energy) = (Grid::default(), Grid::default(), Grid::default());
+            let input = StepInput { prev: &prev, next: &next, u: &u, v: &v, weight: None };
+            step::step(input, &options, (&mut to_u, &mut to_v, &mut energy), &execution).unwrap();
+            for y in 0..height {
+                for x in 0..width {
+                    let want = reference_step((&prev, &next), (&u, &v), &options, (y, x));
+                    prop_assert!((f64::from(to_u.row(y)[x]) - want.0).abs() < 2e-2, "{} {}", to_u.row(y)[x], want.0);
+                    prop_assert!((f64::from(to_v.row(y)[x]) - want.1).abs() < 2e-2);
+                    let lost = energy.row(y)[x] == f32::MAX && want.2 == 0.0;
+                    prop_assert!(lost || (f64::from(energy.row(y)[x]) - want.2).abs() < 1e-3 * want.2.max(10.0));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_median_is_the_middle_of_its_window(
+        width in 1usize..40, height in 1usize..12, seed in any::<u32>(), large in any::<bool>()
+    ) {
+        let from = noise(width, height, seed, 10.0);
+        let (size, radius) = if large { (5, 2) } else { (3, 1) };
+        for level in Level::available() {
+            let mut to = Grid::default();
+            median::median(&from, size, &mut to, &Execution::default().threads(2).level(level)).unwrap();
+            for y in 0..height as isize {
+                for x in 0..width as isize {
+                    let mut window: Vec<_> = (-radius..=radius)
+                        .flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)))
+                        .map(|(dy, dx)| at(&from, y + dy, x + dx))
+                        .collect();
+                    window.sort_by(f32::total_cmp);
+                    prop_assert_eq!(at(&to, y, x), window[window.len() / 2]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_pixel_takes_the_flow_of_the_best_neighbour(
+        width in 1usize..40, height in 1usize..12, seed in any::<u32>(), distance in 1usize..4
+    ) {
+        let (u, v) = (noise(width, height, seed, 9.0), noise(width, height, !seed, 9.0));
+        let mut energy = noise(width, height, seed ^ 77, 1.0);
+        for y in 0..height {
+            energy.padded_mut(y).iter_mut().for_each(|value| *value += 1.0);
+        }
+        for level in Level::available() {
+            let (mut to_u, mut to_v) = (Grid::default(), Grid::default());
+            let execution = Execution::default().threads(2).level(level);
+            select::select((&u, &v), &energy, distance, 0.9, (&mut to_u, &mut to_v), &execution).unwrap();
+            for y in 0..height as isize {
+                for x in 0..width as isize {
+                    let mut best = (at(&energy, y, x) * 0.9, at(&u, y, x), at(&v, y, x));
+                    let d = distance as isize;
+                    for (dy, dx) in [-d, 0, d].into_iter().flat_map(|dy| [-d, 0, d].map(|dx| (dy, dx))) {
+                        let other = at(&energy, y + dy, x + dx);
+                        if (dy, dx) != (0, 0) && other < best.0 {
+                            best = (other, at(&u, y + dy, x + dx), at(&v, y + dy, x + dx));
+                        }
+                    }
+                    prop_assert_eq!((at(&to_u, y, x), at(&to_v, y, x)), (best.1, best.2));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_flow_is_doubled_and_interpolated(width in 1usize..40, height in 1usize..12, seed in any::<u32>()) {
+        let coarse = noise(width.div_ceil(2), height.div_ceil(2), seed, 3.0);
+        let mut fine = Grid::default();
+        upsample::upsample(&coarse, (width, height), &mut fine, &Execution::default()).unwrap();
+        for y in 0..height as isize {
+            for x in 0..width as isize {
+                let mean = |y: isize| 0.5 * (at(&coarse, y, x / 2) + at(&coarse, y, (x + 1) / 2));
+                let want = mean(y / 2) + mean((y + 1) / 2);
+                prop_assert!((at(&fine, y, x) - want).abs() < 1e-5);
+            }
+        }
+    }
+}

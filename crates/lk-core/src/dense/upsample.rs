@@ -1,0 +1,40 @@
+//! From the flow of a coarse level to that of the next finer one.
+
+use crate::error::Result;
+use crate::execution::Execution;
+use crate::parallel::for_each_band;
+
+use super::grid::{self, Grid, PAD};
+
+/// Write twice the values of `coarse`, interpolated, into `fine` of the given size: pixel (x, y) of the coarse level
+/// sits over (2x, 2y) of the fine one.
+pub(super) fn upsample(
+    coarse: &Grid,
+    (width, height): (usize, usize),
+    fine: &mut Grid,
+    execution: &Execution,
+) -> Result<()> {
+    fine.resize(width, height);
+    for_each_band(
+        execution,
+        height,
+        (65_536 / width).max(1),
+        fine.rows_mut(),
+        |rows, mut part| {
+            for (local, y) in rows.enumerate() {
+                let a = coarse.padded(y / 2);
+                let b = coarse.padded((y / 2 + y % 2).min(coarse.height() - 1));
+                let padded = part.row_mut(local);
+                let half = width.div_ceil(2);
+                let (a, b) = (&a[PAD..PAD + half + 1], &b[PAD..PAD + half + 1]);
+                let (pairs, _) = padded[PAD..].as_chunks_mut::<2>();
+                let pairs = &mut pairs[..half];
+                for x in 0..half {
+                    let (here, there) = (a[x] + b[x], a[x + 1] + b[x + 1]);
+                    pairs[x] = [here, 0.5 * (here + there)];
+                }
+                grid::extend(padded, width);
+            }
+        },
+    )
+}

@@ -1,0 +1,80 @@
+//! Pixels that count for nothing: masked out, or not finite.
+
+use ndarray::ArrayView2;
+
+use crate::frame::Plane;
+use crate::pyramid::Pyramid;
+
+/// Whether every value of `plane` is finite.
+pub(super) fn all_finite(plane: &Plane) -> bool {
+    // A sum of zeros unless something times zero is NaN; blocks keep it in lanes.
+    plane.data().chunks(4096).all(|block| {
+        let (lanes, rest) = block.as_chunks::<16>();
+        let mut sum = [0.0f32; 16];
+        for lane in lanes {
+            for k in 0..16 {
+                sum[k] += lane[k] * 0.0;
+            }
+        }
+        sum.iter().all(|zero| *zero == 0.0) && rest.iter().all(|value| value.is_finite())
+    })
+}
+
+/// Set `finite` to 1 where `plane` is finite and 0 elsewhere, and give the others the value of a neighbour, so that
+/// they cannot spread.
+pub(super) fn fill(plane: &mut Plane, finite: &mut Plane) {
+    let (width, height) = (plane.width(), plane.height());
+    finite.resize(width, height);
+    let first = plane
+        .data()
+        .iter()
+        .copied()
+        .find(|value| value.is_finite())
+        .unwrap_or(0.0);
+    for y in 0..height {
+        let above = if y > 0 { plane.row(y - 1)[0] } else { first };
+        let mut last = above;
+        let (row, finite) = (plane.row_mut(y), finite.row_mut(y));
+        for (value, finite) in row.iter_mut().zip(finite) {
+            if value.is_finite() {
+                last = *value;
+                *finite = 1.0;
+            } else {
+                *value = last;
+                *finite = 0.0;
+            }
+        }
+    }
+}
+
+/// The weight of every pixel of every level: 0 where any pixel of the 2 x 2 below it is 0.
+pub(super) fn pyramid(
+    mask: Option<ArrayView2<'_, bool>>,
+    finite: Option<&Plane>,
+    frame: &Pyramid,
+    levels: &mut Vec<Plane>,
+) {
+    levels.resize_with(frame.levels().len(), Plane::default);
+    for (level, of_frame) in frame.levels().iter().enumerate() {
+        let (width, height) = (of_frame.width(), of_frame.height());
+        let (finer, coarser) = levels.split_at_mut(level);
+        let target = &mut coarser[0];
+        target.resize(width, height);
+        for y in 0..height {
+            for (x, weight) in target.row_mut(y).iter_mut().enumerate() {
+                *weight = if let Some(finer) = finer.last() {
+                    let (right, below) = (
+                        (2 * x + 1).min(finer.width() - 1),
+                        (2 * y + 1).min(finer.height() - 1),
+                    );
+                    let (a, b) = (finer.row(2 * y), finer.row(below));
+                    a[2 * x].min(a[right]).min(b[2 * x]).min(b[right])
+                } else {
+                    let masked = mask.is_some_and(|mask| !mask[(y, x)]);
+                    let finite = finite.is_none_or(|finite| finite.row(y)[x] > 0.0);
+                    if masked || !finite { 0.0 } else { 1.0 }
+                };
+            }
+        }
+    }
+}

@@ -1,0 +1,311 @@
+"""Dense flow: where every pixel went."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _core
+from .errors import DTypeError, OptionError, ShapeError
+
+__all__ = ["DenseFlow", "FlowField", "Preset", "dense_flow"]
+
+Preset = Literal["fast", "balanced", "accurate"]
+Illumination = Literal["none", "offset", "gain_offset"]
+
+
+@dataclass(frozen=True, eq=False)
+class FlowField:
+    """Where every pixel of a frame went. ``np.asarray(field)`` is `uv`.
+
+    Attributes
+    ----------
+    uv : ndarray of float32, shape (H, W, 2)
+        Displacement from `prev` to `next` in pixels, x right and y down. It is given everywhere but where there was
+        nothing to measure (masked out, not finite, a frame of one row or column): there it is NaN. Where `valid` is
+        False it is carried over from the surroundings, at best.
+    valid : ndarray of bool, shape (H, W)
+        Whether the pixel was measured: there is texture in both directions, it stays inside of the picture, and what
+        is left after motion and light is small.
+    residual : ndarray of float32, shape (H, W)
+        Root mean square difference within the pixel's window after motion and light, in grey levels.
+    """
+
+    uv: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    residual: NDArray[np.float32]
+    _light: tuple[NDArray[np.float32], NDArray[np.float32], int] = field(repr=False)
+
+    @cached_property
+    def gain(self) -> NDArray[np.float32]:
+        """Gain of the light, ``next = gain * prev + offset`` on the average of a region, shape (H, W)."""
+        return self._at_every_pixel(self._light[0])
+
+    @cached_property
+    def offset(self) -> NDArray[np.float32]:
+        """Offset of the light in grey levels, shape (H, W); what differs within small windows is not in it."""
+        return self._at_every_pixel(self._light[1])
+
+    @cached_property
+    def magnitude(self) -> NDArray[np.float32]:
+        """Length of each displacement in pixels, shape (H, W)."""
+        return np.asarray(np.hypot(self.uv[..., 0], self.uv[..., 1]))
+
+    @cached_property
+    def angle(self) -> NDArray[np.float32]:
+        """Direction of each displacement in radians from x (right) towards y (down), -pi to pi, shape (H, W)."""
+        return np.asarray(np.arctan2(self.uv[..., 1], self.uv[..., 0]))
+
+    def mean(self) -> NDArray[np.float32]:
+        """Mean displacement (x, y) of the valid pixels; NaN if there is none.
+
+        Examples
+        --------
+        >>> import numpy as np, rsflow
+        >>> frame = np.random.default_rng(1).uniform(0, 255, (48, 64)).astype(np.float32)
+        >>> rsflow.dense_flow(frame, frame).mean()
+        array([0., 0.], dtype=float32)
+        """
+        if not self.valid.any():
+            return np.full(2, np.nan, np.float32)
+        return np.asarray(self.uv[self.valid].mean(axis=0, dtype=np.float64), dtype=np.float32)
+
+    def warp(self, frame: ArrayLike) -> NDArray[Any]:
+        """Give `frame`, which looks like `next`, as it looks from `prev`: each pixel from where the flow says it went.
+
+        Parameters
+        ----------
+        frame : array_like, (H, W) or (H, W, channels)
+            uint8, uint16, float32 or float64.
+
+        Returns
+        -------
+        ndarray
+            Shape and type of `frame`, bilinear. Where the flow is NaN or leads out of the picture: NaN in a picture of
+            floats, 0 in one of integers.
+
+        Raises
+        ------
+        ShapeError
+            If the size is not that of the flow.
+        DTypeError
+            If the type is another.
+        """
+        import cv2
+
+        picture = np.asarray(frame)
+        if picture.ndim not in (2, 3) or picture.shape[:2] != self.uv.shape[:2]:
+            raise ShapeError(f"frame: got shape {picture.shape}, expected the flow's {self.uv.shape[:2]}, or colour")
+        if picture.dtype not in (np.uint8, np.uint16, np.float32, np.float64):
+            raise DTypeError(f"frame: got dtype {picture.dtype}, expected uint8, uint16, float32 or float64")
+        if picture.size == 0:
+            return picture.copy()
+        height, width = self.uv.shape[:2]
+        x = self.uv[..., 0] + np.arange(width, dtype=np.float32)
+        y = self.uv[..., 1] + np.arange(height, dtype=np.float32)[:, None]
+        # Written so that NaN is outside too.
+        outside = ~((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1))
+        x[outside] = y[outside] = 0
+        warped: NDArray[Any] = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(
+            picture.shape
+        )
+        warped[outside] = np.nan if picture.dtype.kind == "f" else 0
+        return warped
+
+    def plot(self, picture: NDArray[Any] | None = None, **knobs: Any) -> Any:
+        """Draw the flow as arrows; see `rsflow.quiver`, which takes the same arguments."""
+        from .plotting import quiver
+
+        return quiver(self, picture=picture, **knobs)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the flow; the suffix says the format, see `rsflow.write_flow`. What is not valid is unknown there."""
+        from .io import write_flow
+
+        write_flow(path, self)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """`uv`, for numpy."""
+        if copy is None:
+            return np.asarray(self.uv, dtype=dtype)
+        return np.array(self.uv, dtype=dtype, copy=copy)
+
+    def _at_every_pixel(self, grid: NDArray[np.float32]) -> NDArray[np.float32]:
+        height, width = self.uv.shape[:2]
+        scale = 2.0 ** -self._light[2]
+
+        def axis(size: int, cells: int) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
+            at = np.minimum(np.arange(size) * scale, cells - 1)
+            low = at.astype(np.intp)
+            return low, np.minimum(low + 1, cells - 1), (at - low).astype(np.float32)
+
+        top, bottom, down = axis(height, grid.shape[0])
+        left, right, across = axis(width, grid.shape[1])
+        rows = grid[top] + down[:, None] * (grid[bottom] - grid[top])
+        return np.asarray(rows[:, left] + across * (rows[:, right] - rows[:, left]), dtype=np.float32)
+
+
+def dense_flow(
+    prev: NDArray[Any],
+    next: NDArray[Any],
+    *,
+    preset: Preset = "balanced",
+    illumination: Illumination = "gain_offset",
+    max_displacement: float | None = None,
+    initial: ArrayLike | FlowField | None = None,
+    mask: NDArray[np.bool_] | None = None,
+) -> FlowField:
+    """Where every pixel of `prev` went.
+
+    Parameters
+    ----------
+    prev, next : ndarray (H, W) of uint8, uint16 or float32
+        The two frames, grey, of the same size and type.
+    preset : {"fast", "balanced", "accurate"}
+        How much time to take for how much accuracy.
+    illumination : {"none", "offset", "gain_offset"}
+        How light may change: not at all, by an offset within each small window, or besides that by a gain and an
+        offset that vary slowly over the picture.
+    max_displacement : float, optional
+        The largest motion to look for, in pixels: small values save time, and keep repetitive texture from being
+        matched far away. By default motion is looked for up to about an eighth of the picture's shorter side.
+    initial : array_like (H, W, 2) or FlowField, optional
+        A flow to start from; what lies within about 8 pixels of it is found. NaN is taken as zero.
+    mask : ndarray (H, W) of bool, optional
+        False at pixels of `prev` that are not to be measured and that count for nothing.
+
+    Returns
+    -------
+    FlowField
+
+    Raises
+    ------
+    ShapeError
+        If a frame is not 2-D, or sizes differ.
+    DTypeError
+        If a frame has another type, or the two differ, or the mask is not of bool.
+    OptionError
+        If an option has a value that it does not allow.
+
+    Notes
+    -----
+    Coarse to fine Lucas-Kanade with shiftable windows; the light is part of it: the mean of each window is removed
+    from the least squares, and the frames' slowly varying gain and offset are measured on coarse levels.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> y, x = np.mgrid[0:80, 0:98].astype(np.float32)
+    >>> scene = lambda x, y: 128 + 60 * np.sin(0.3 * x + 0.1 * y) + 40 * np.cos(0.35 * y - 0.15 * x)
+    >>> field = rsflow.dense_flow(scene(x, y), scene(x - 1.5, y + 0.5))
+    >>> field.uv.shape
+    (80, 98, 2)
+    >>> bool(np.abs(field.mean() - [1.5, -0.5]).max() < 0.02)
+    True
+    """
+    return DenseFlow(preset=preset, illumination=illumination, max_displacement=max_displacement, mask=mask)._pair(
+        prev, next, initial
+    )
+
+
+class DenseFlow:
+    """Dense flow from frame to frame: each frame is prepared once, and memory is kept.
+
+    Parameters
+    ----------
+    preset, illumination, max_displacement
+        As in `dense_flow`.
+    initial : array_like (H, W, 2) or FlowField, optional
+        A flow to start from, for the first pair only.
+    mask : ndarray (H, W) of bool, optional
+        Of every pair, as in `dense_flow`.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> flow = rsflow.DenseFlow(preset="fast")
+    >>> frame = np.zeros((48, 64), np.uint8)
+    >>> print(flow.update(frame))
+    None
+    >>> flow.update(frame).valid.any()
+    np.False_
+    """
+
+    def __init__(
+        self,
+        *,
+        preset: Preset = "balanced",
+        illumination: Illumination = "gain_offset",
+        max_displacement: float | None = None,
+        initial: ArrayLike | FlowField | None = None,
+        mask: NDArray[np.bool_] | None = None,
+    ) -> None:
+        if max_displacement is not None:
+            max_displacement = _as_float("max_displacement", max_displacement)
+        self._core = _core.DenseFlow(
+            _as_text("preset", preset), _as_text("illumination", illumination), max_displacement
+        )
+        self._initial = _as_initial(initial)
+        self._mask = mask
+        self._started = False
+
+    def update(self, frame: NDArray[Any]) -> FlowField | None:
+        """Return the flow from the frame before to `frame`; None for the first frame.
+
+        Parameters
+        ----------
+        frame : ndarray (H, W) of uint8, uint16 or float32
+            Of the size of the frame before; the type may change.
+
+        Raises
+        ------
+        ShapeError, DTypeError
+            If the frame does not fit; the next frame is then a first one.
+        """
+        parts = self._core.update(frame, self._initial if not self._started else None, self._mask)
+        if parts is None:
+            return None
+        self._started = True
+        return _field(parts)
+
+    def reset(self) -> None:
+        """Forget the frame before: the next frame is a first one."""
+        self._core.reset()
+        self._started = False
+
+    def _pair(self, prev: NDArray[Any], next: NDArray[Any], initial: ArrayLike | FlowField | None) -> FlowField:
+        return _field(self._core.pair(prev, next, _as_initial(initial), self._mask))
+
+
+def _field(parts: _core.FlowParts) -> FlowField:
+    uv, valid, residual, gain, offset, halvings = parts
+    return FlowField(uv, valid, residual, (gain, offset, halvings))
+
+
+def _as_initial(initial: ArrayLike | FlowField | None) -> NDArray[np.float32] | None:
+    if initial is None:
+        return None
+    array = np.asarray(initial)
+    if array.dtype.kind not in "fiu":
+        raise DTypeError(f"initial: got dtype {array.dtype}, expected numbers, (height, width, 2)")
+    if array.ndim != 3 or array.shape[2] != 2:
+        raise ShapeError(f"initial: got shape {array.shape}, expected (height, width, 2)")
+    return array.astype(np.float32, copy=False)
+
+
+def _as_text(name: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise OptionError(f"{name}: got {value!r}, expected a name, as a string")
+    return value
+
+
+def _as_float(name: str, value: object) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise OptionError(f"{name}: got {value!r}, expected a positive number of pixels, or None") from None

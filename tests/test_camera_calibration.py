@@ -1,0 +1,372 @@
+"""Calibration: a known camera is recovered from rendered boards within the deviations; failures are named."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+import rsflow
+from rsflow.camera import _search, _solve
+from rsflow.camera.board import Board, charuco_detector, find_corners
+from rsflow.cli import main
+
+TRUTH = rsflow.Camera(
+    398.3, 399.1, 236.4, 183.7, width=480, height=360, distortion=(-0.26, 0.08, 0.0009, -0.0004, -0.01)
+)
+BOARD, SQUARE_M = (8, 6), 0.025
+SAMPLES = 3  # per pixel and axis
+DOTS = 32  # of the printed board, per square
+
+
+@cache
+def rays() -> np.ndarray:
+    """Rays of all samples of the true camera, (height, width, 2)."""
+    centres = np.mgrid[0 : TRUTH.height, 0 : TRUTH.width].reshape(2, -1)[::-1].T
+    at_centres = TRUTH.undistort_points(centres, normalized=True).reshape(TRUTH.height, TRUTH.width, 2)
+    return cv2.resize(at_centres, None, fx=SAMPLES, fy=SAMPLES, interpolation=cv2.INTER_LINEAR)
+
+
+def poses(count: int, seed: int = 4) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rotation vectors and positions of the board's middle: tilted, near and far, all over the picture."""
+    rng = np.random.default_rng(seed)
+    result = []
+    for i in range(count):
+        tilt, axis, distance = rng.uniform(0.3, 0.6), rng.uniform(0, 2 * math.pi), rng.uniform(0.27, 0.45)
+        rotation = tilt * np.array([math.cos(axis), math.sin(axis), rng.uniform(-0.3, 0.3)])
+        room = (0.6 * distance - 0.12, 0.45 * distance - 0.095)
+        result.append((rotation, np.append(np.array([(i % 3) - 1.0, (i // 3 % 3) - 1.0]) * room, distance)))
+    return result
+
+
+def corners_in_camera(pose: tuple[np.ndarray, np.ndarray], board: Board) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rotation vector and translation of the board's first corner, and its rotation matrix."""
+    rotation = cv2.Rodrigues(pose[0])[0]
+    middle = board.points().mean(axis=0)
+    return pose[0], pose[1] - rotation @ middle, rotation
+
+
+def chessboard(cut: float = 0.0) -> np.ndarray:
+    """The board as a picture, first corner 3 squares from the edge; `cut` squares are cut from its right side."""
+    cols, rows = BOARD
+    sheet = np.full(((rows + 5) * DOTS, (cols + 5) * DOTS), 90, np.uint8)
+    sheet[DOTS // 2 : -DOTS // 2, DOTS // 2 : -DOTS // 2] = 205
+    for y in range(rows + 1):
+        for x in range(y % 2, cols + 1, 2):
+            sheet[(y + 2) * DOTS : (y + 3) * DOTS, (x + 2) * DOTS : (x + 3) * DOTS] = 30
+    if cut:
+        sheet[:, round((cols + 3 - cut) * DOTS) :] = 90
+    return sheet
+
+
+def render(pose, sheet: np.ndarray, *, first=3.0, seed=0, board: Board | None = None) -> np.ndarray:
+    """Render a sheet whose first corner is `first` squares from its edges: sampled, blurred, with noise."""
+    _, translation, rotation = corners_in_camera(pose, board or Board(BOARD, SQUARE_M))
+    inverse = np.linalg.inv(np.column_stack([rotation[:, 0], rotation[:, 1], translation]))
+    to_dots = np.diag([DOTS / SQUARE_M, DOTS / SQUARE_M, 1.0])
+    to_dots[:2, 2] = first * DOTS - 0.5
+    where = cv2.perspectiveTransform(rays(), to_dots @ inverse).astype(np.float32)
+    fine = cv2.remap(sheet, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=90)
+    image = cv2.resize(fine.astype(np.float32), TRUTH.size, interpolation=cv2.INTER_AREA)
+    image = cv2.GaussianBlur(image, (0, 0), 0.6) + np.random.default_rng(seed).normal(0, 2.0, image.shape)
+    return np.clip(np.round(image), 0, 255).astype(np.uint8)
+
+
+@cache
+def views() -> tuple[np.ndarray, ...]:
+    return tuple(render(pose, chessboard(), seed=i) for i, pose in enumerate(poses(12)))
+
+
+@cache
+def calibration() -> rsflow.Calibration:
+    return rsflow.calibrate(list(views()), board=BOARD, square_size_m=SQUARE_M)
+
+
+def errors_in_deviations(result: rsflow.Calibration) -> dict[str, float]:
+    got, std = result.camera, result.std
+    values = (got.fx, got.fy, got.cx, got.cy, *got.distortion)
+    true = (TRUTH.fx, TRUTH.fy, TRUTH.cx, TRUTH.cy, *TRUTH.distortion)
+    return {name: (g - t) / std[name] for name, g, t in zip(std, values, true, strict=True)}
+
+
+def test_a_known_camera_is_recovered_within_the_stated_deviations():
+    result = calibration()
+    assert len(result.used) >= 11
+    off = errors_in_deviations(result)
+    assert max(map(abs, off.values())) < 3.0, off
+    assert abs(result.camera.fx / TRUTH.fx - 1) < 0.002
+    assert result.focal_deviation < 0.002
+    assert result.rms < 0.12
+    assert result.camera.size == (480, 360)
+    # What the parameters are for: where rays go, over the part of the picture where corners were.
+    grid = np.mgrid[60:421:40, 50:311:40].reshape(2, -1).T.astype(float)
+    apart = result.camera.undistort_points(grid, normalized=True) - TRUTH.undistort_points(grid, normalized=True)
+    assert np.linalg.norm(apart - apart.mean(axis=0), axis=1).max() * TRUTH.fx < 0.4
+
+
+def test_it_tells_what_it_found():
+    result = calibration()
+    assert len(result.per_view_errors) == len(result.used)
+    assert np.sqrt(np.mean(np.concatenate([v.residuals for v in result.used]) ** 2 * 2)) == pytest.approx(
+        result.rms, rel=1e-3
+    )
+    assert 0.6 < result.covered <= 1.0
+    assert result.coverage(4, 3).shape == (3, 4)
+    assert result.coverage().sum() == sum(len(view.corners) for view in result.used)
+    text = result.summary()
+    assert f"f is known to {result.focal_deviation:.2%}" in text
+    assert "frame 3" in text
+    data = result.as_dict()
+    assert json.loads(json.dumps(data, allow_nan=False))["camera"]["fx"] == result.camera.fx
+    tilts = [view.tilt_rad for view in result.used]
+    assert min(tilts) > 0.25
+    assert max(tilts) < 0.7
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.15])
+def test_deviations_cover_the_errors(bend):
+    """Corners with independent noise, and with an error that all corners of a view share (a board that bends)."""
+    board = Board(BOARD, SQUARE_M)
+    rng = np.random.default_rng(11)
+    flat = board.points()
+    scaled = (flat[:, :2] - flat[:, :2].mean(axis=0)) / np.ptp(flat[:, 0])
+    true = np.array([TRUTH.fx, TRUTH.fy, TRUTH.cx, TRUTH.cy, *TRUTH.distortion])
+    off = []
+    for run in range(24):
+        seen = []
+        for pose in poses(10, seed=100 + run):
+            rotation, translation, _ = corners_in_camera(pose, board)
+            exact = cv2.projectPoints(flat, rotation, translation, TRUTH.matrix, np.array(TRUTH.distortion))[0]
+            shared = bend * 4 * (scaled**2 @ rng.normal(0, 1, (2, 2)))
+            seen.append((exact.reshape(-1, 2) + rng.normal(0, 0.05, (len(flat), 2)) + shared).astype(np.float32))
+        solution = _solve.solve([flat] * len(seen), seen, TRUTH.size, 5, False)
+        off.append((solution.values - true) / solution.std)
+    off = np.abs(np.array(off))
+    # The larger of two estimates is taken, so a little more than 68 % and 95 % may lie inside.
+    assert 0.60 < np.mean(off < 1) < 0.88, np.mean(off < 1)
+    assert np.mean(off < 2) > 0.90, np.mean(off < 2)
+
+
+def test_corners_beside_a_cut_square_are_set_right_and_counted_as_uncertain():
+    # The paper ends a quarter of a square beyond the last corners, on one side.
+    cut = [render(pose, chessboard(cut=0.75), seed=i) for i, pose in enumerate(poses(12))]
+    result = rsflow.calibrate(cut, board=BOARD, square_size_m=SQUARE_M)
+    repaired = sum(view.repaired for view in result.used)
+    assert repaired > 5
+    off = errors_in_deviations(result)
+    assert max(map(abs, off.values())) < 3.0, off
+    assert result.std_repair["fx"] > 0
+    assert all(result.std[name] >= result.std_views[name] for name in result.std)
+    assert any("were set right" in line for line in result.advice()) or result.std_repair["fx"] < result.std["fx"] / 2
+
+
+def test_a_charuco_board_is_found_in_part_and_calibrates():
+    board = Board((8, 6), SQUARE_M, "charuco", 0.018)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    sheet = cv2.aruco.CharucoBoard(board.size, SQUARE_M, 0.018, dictionary).generateImage((8 * DOTS, 6 * DOTS))
+    images = [render(pose, sheet, first=1.0, seed=i, board=board) for i, pose in enumerate(poses(12))]
+    images[0][:, :200] = 128
+    result = rsflow.calibrate(images, board=board.size, square_size_m=SQUARE_M, pattern="charuco", marker_size_m=0.018)
+    assert len(result.used) >= 10
+    assert len(result.used[0].corners) < board.corners
+    assert abs(result.camera.fx / TRUTH.fx - 1) < 0.004
+    assert max(abs(value) for value in errors_in_deviations(result).values()) < 3.5
+
+
+def test_pictures_of_the_corners_are_drawn(tmp_path):
+    paths = calibration().draw(tmp_path / "corners")
+    assert len(paths) == 13
+    assert paths[-1].name == "coverage.png"
+    plain = cv2.cvtColor(views()[0], cv2.COLOR_GRAY2BGR)
+    drawn = cv2.imread(str(paths[0]))[-360:]
+    assert drawn.shape == plain.shape
+    x, y = calibration().views[0].corners[0]
+    patch = np.s_[round(float(y)) - 6 : round(float(y)) + 7, round(float(x)) - 6 : round(float(x)) + 7]
+    # Colour, where the picture has none.
+    assert np.ptp(drawn[patch].astype(int), axis=2).max() > 60
+
+
+def test_square_pixels_and_fewer_coefficients_are_held():
+    result = rsflow.calibrate(
+        list(views())[:6], board=BOARD, square_size_m=SQUARE_M, coefficients=4, square_pixels=True
+    )
+    assert result.camera.fx == result.camera.fy
+    assert len(result.camera.distortion) == 4
+    assert result.std["fx"] == result.std["fy"] > 0
+    assert any("add views: 6 were used" in line for line in result.advice())
+
+
+def test_other_depths_are_searched_too():
+    deep = [view.astype(np.uint16) * 16 for view in views()[:4]]
+    assert len(rsflow.calibrate(deep, board=BOARD, square_size_m=SQUARE_M).used) == 4
+    floats = [view.astype(np.float32) / 255 for view in views()[:4]]
+    assert len(rsflow.calibrate(floats, board=BOARD, square_size_m=SQUARE_M).used) == 4
+
+
+def test_of_a_video_only_views_that_differ_are_used(tmp_path):
+    writer = cv2.VideoWriter(str(tmp_path / "b.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, TRUTH.size)
+    for view in views()[:6]:
+        for _ in range(3):
+            writer.write(cv2.cvtColor(view, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    result = rsflow.calibrate(tmp_path / "b.avi", board=BOARD, square_size_m=SQUARE_M)
+    assert len(result.used) == 6
+    assert set(result.rejected.values()) == {"shows the board where an earlier view does"}
+    few = rsflow.calibrate(tmp_path / "b.avi", board=BOARD, square_size_m=SQUARE_M, max_views=4)
+    assert len(few.used) == 4
+    seen = []
+    rsflow.calibrate(
+        list(views()),
+        board=BOARD,
+        square_size_m=SQUARE_M,
+        on_view=lambda view, usable: bool(seen.append(view)) or usable == 3,
+    )
+    assert len(seen) == 3
+
+
+def blank(count: int = 4) -> list[np.ndarray]:
+    return [np.random.default_rng(i).integers(90, 110, (90, 120), np.uint8) for i in range(count)]
+
+
+def test_a_board_that_is_never_found_is_an_error_that_says_what_was_tried():
+    with pytest.raises(rsflow.CalibrationError, match=r"8 x 6 inner corners was found in 0 of 4 .*no board found in 4"):
+        rsflow.calibrate(blank(), board=BOARD, square_size_m=SQUARE_M)
+    with pytest.raises(rsflow.CalibrationError, match=r"in 2 of 4 pictures, expected at least 3: no board found in 2"):
+        rsflow.calibrate([*views()[:2], *[np.full_like(views()[0], 99)] * 2], board=BOARD, square_size_m=SQUARE_M)
+    with pytest.raises(rsflow.CalibrationError, match=r"squares \(ChArUco\) was found in 0 of 2"):
+        rsflow.calibrate(blank(2), board=BOARD, square_size_m=SQUARE_M, pattern="charuco")
+
+
+def test_squares_counted_instead_of_corners_are_noticed():
+    with pytest.raises(rsflow.CalibrationError, match="8 x 6 inner corners is there: count corners, not squares"):
+        rsflow.calibrate(list(views()[:1]), board=(9, 7), square_size_m=SQUARE_M)
+
+
+def test_views_that_do_not_determine_a_camera_are_an_error():
+    # A board that is never tilted: nothing tells focal length from distance.
+    places = [(0.0, 0.0, 0.4), (-0.05, 0.04, 0.33), (0.05, -0.04, 0.3), (0.03, 0.03, 0.37)]
+    frontal = [render((np.zeros(3), np.array(place)), chessboard()) for place in places]
+    with pytest.raises(rsflow.CalibrationError, match="the views do not determine a camera: tilt the board"):
+        rsflow.calibrate(frontal, board=BOARD, square_size_m=SQUARE_M)
+    with pytest.raises(rsflow.CalibrationError, match=r"in 1 of 4 pictures.* where an earlier view does in 3"):
+        rsflow.calibrate([views()[0]] * 4, board=BOARD, square_size_m=SQUARE_M)
+
+
+def test_a_focal_length_with_too_large_a_deviation_is_an_error(monkeypatch):
+    monkeypatch.setattr("rsflow.camera.calibration._UNDETERMINED", 1e-6)
+    with pytest.raises(rsflow.CalibrationError, match=r"the 4 views do not .* length: got \d+\.\d \+- \d+\.\d px"):
+        rsflow.calibrate(list(views()[:4]), board=BOARD, square_size_m=SQUARE_M)
+
+
+def test_a_search_without_end_is_stopped():
+    """A picture full of squares keeps the search busy for many seconds: it is stopped, and the next is searched."""
+    busy = np.kron(np.random.default_rng(2).integers(0, 2, (360, 360), np.uint8) * 200, np.ones((8, 8), np.uint8))
+    with _search.Searcher() as searcher:
+        # The process starts before the clock does.
+        assert searcher.find(views()[0], Board(BOARD, SQUARE_M), 20.0) is not None
+        begin = time.monotonic()
+        with pytest.raises(_search.SearchTimeoutError, match=r"the search took longer than 0\.3 s"):
+            searcher.find(busy, Board(BOARD, SQUARE_M), 0.3)
+        assert time.monotonic() - begin < 1.5
+        assert searcher.find(views()[0], Board(BOARD, SQUARE_M), 20.0) is not None
+    begin = time.monotonic()
+    with pytest.raises(rsflow.CalibrationError, match=r"took longer .* in \d.*not looked at: the time budget"):
+        rsflow.calibrate([busy] * 12, board=BOARD, square_size_m=SQUARE_M, time_budget_s=1.5, view_time_budget_s=0.4)
+    assert time.monotonic() - begin < 12.0
+
+
+def test_a_search_that_dies_is_an_error(monkeypatch):
+    monkeypatch.setattr(_search.sys, "executable", "/bin/false")
+    with pytest.raises(rsflow.CalibrationError, match="the process that searches for boards cannot run: /bin/false"):
+        rsflow.calibrate(blank(), board=BOARD, square_size_m=SQUARE_M)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"board": (2, 6)}, "board: got 2 x 6, expected 3 to 200"),
+        ({"board": 7}, r"board: got 7, expected \(columns, rows\)"),
+        ({"square_size_m": 0.0}, r"square_size_m: got 0\.0"),
+        ({"pattern": "circles"}, "pattern: got 'circles', expected 'chessboard' or 'charuco'"),
+        ({"pattern": "charuco", "marker_size_m": 1.0}, r"marker_size_m: got 1\.0, expected less than the square's"),
+        ({"pattern": "charuco", "dictionary": "DICT_9"}, "dictionary: got 'DICT_9'"),
+        ({"coefficients": 3}, "coefficients: got 3, expected one of 0, 4, 5, 8, 12"),
+        ({"time_budget_s": 0.0}, r"time_budget_s: got 0\.0"),
+        ({"view_time_budget_s": math.inf}, "view_time_budget_s: got inf"),
+        ({"max_views": 2}, "max_views: got 2, expected at least 3"),
+    ],
+)
+def test_options_outside_of_their_range_are_refused(options, message):
+    with pytest.raises(rsflow.OptionError, match=message):
+        rsflow.calibrate(blank(1), **({"board": BOARD, "square_size_m": SQUARE_M} | options))
+
+
+def test_pictures_of_different_sizes_are_refused():
+    with pytest.raises(rsflow.ShapeError, match="pictures of different sizes"):
+        rsflow.calibrate([*blank(1), np.zeros((10, 10), np.uint8)], board=BOARD, square_size_m=SQUARE_M)
+
+
+def test_a_large_picture_is_searched_small_and_refined_at_full_size():
+    large = cv2.resize(views()[1], None, fx=4.0, fy=4.0, interpolation=cv2.INTER_CUBIC)
+    board = Board(BOARD, SQUARE_M)
+    at_full, at_small = find_corners(large, board), find_corners(views()[1], board)
+    assert np.abs((at_full.points + 0.5) / 4 - 0.5 - at_small.points).max() < 0.25
+    assert charuco_detector(Board((5, 4), 0.03, "charuco")) is not None
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for i, view in enumerate(views()):
+        cv2.imwrite(str(tmp_path / f"view{i}.png"), view)
+    return tmp_path
+
+
+def test_the_command_writes_a_camera_and_pictures(folder, capsys):
+    arguments = [
+        "calibrate",
+        f"{folder}/view*.png",
+        "--board",
+        "8x6",
+        "--square",
+        "0.025",
+        "-o",
+        f"{folder}/out/cam.yaml",
+    ]
+    assert main([*arguments, "--pictures", f"{folder}/pictures"]) == 0
+    out = capsys.readouterr()
+    assert "f is known to" in out.out
+    assert "view10.png" in out.out
+    assert out.err == ""
+    assert rsflow.Camera.load(folder / "out" / "cam.yaml").std["fx"] > 0
+    assert len(list((folder / "pictures").glob("*.png"))) == 13
+
+
+def test_the_command_prints_json_and_takes_many_names(folder, capsys):
+    names = [str(folder / f"view{i}.png") for i in range(5)]
+    assert main(["calibrate", *names, "--board", "8X6", "--square", "0.025", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert len(data["views"]) == 5
+    assert abs(data["camera"]["fx"] / TRUTH.fx - 1) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["--board", "8x6", "--square", "0.025", "-o", "cam.txt"], 1, "cam.txt: the suffix says no format"),
+        (["--board", "8", "--square", "0.025"], 2, "got '8', expected columns and rows"),
+        (["--board", "8x6", "--square", "-1"], 2, "got '-1', expected a length in metres above 0"),
+        (["--board", "8x6"], 2, "--square"),
+        (["--board", "8x6", "--square", "0.025", "--max-views", "1"], 1, "max_views: got 1"),
+    ],
+)
+def test_the_command_says_in_one_line_what_is_wrong(tmp_path, capsys, arguments, code, message):
+    cv2.imwrite(str(tmp_path / "a.png"), blank(1)[0])
+    assert main(["calibrate", str(tmp_path / "a.png"), *arguments]) == code
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.count("\n") == 1
