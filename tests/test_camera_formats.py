@@ -38,7 +38,7 @@ def test_kalibr_is_saved_and_loaded(tmp_path, own):
     assert rsflow.Camera.load(tmp_path / "camchain.yaml") == own
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.lists(st.floats(-1, 1, allow_subnormal=False), min_size=5, max_size=5), st.floats(1e-3, 1e6))
 def test_every_number_survives_every_format(tmp_path_factory, lens, focal):
     folder = tmp_path_factory.getbasetemp()
@@ -257,7 +257,7 @@ def test_yaml_without_its_package_names_the_extra(tmp_path, monkeypatch):
     assert rsflow.Camera.load(tmp_path / "opencv.yml") == camera()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_a_damaged_file_is_a_format_error_or_a_camera(tmp_path_factory, data):
     folder = tmp_path_factory.getbasetemp()

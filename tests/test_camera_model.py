@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rsflow
+from rsflow.camera import _distortion
 
 LENS = (-0.2561, 0.13089, -0.00019, 0.00004, 0.0)
 
@@ -171,3 +172,18 @@ def test_a_matrix_that_is_none_is_refused():
         rsflow.Camera.from_matrix(np.eye(2), width=4, height=4)
     with pytest.raises(rsflow.OptionError, match="without skew"):
         rsflow.Camera.from_matrix([[500, 1, 300], [0, 500, 200], [0, 0, 1]], width=640, height=480)
+
+
+@pytest.mark.parametrize("model", ["pinhole", "fisheye"])
+def test_the_jacobian_is_that_of_differences(model):
+    lens = (0.3, -0.1, 0.001, -0.002, 0.02, 0.5, -0.05, 0.01, 0.002, -0.001, 0.0015, 0.0005)[
+        : 4 if model == "fisheye" else 12
+    ]
+    xy = np.random.default_rng(3).uniform(-0.8, 0.8, (200, 2))
+    step = 1e-6
+    got = np.stack(_distortion._map(model, lens, xy[:, 0], xy[:, 1])[2:], axis=1)
+    by_x, by_y = (
+        (_distortion.forward(model, lens, xy + shift) - _distortion.forward(model, lens, xy - shift)) / (2 * step)
+        for shift in (np.array([step, 0.0]), np.array([0.0, step]))
+    )
+    assert np.allclose(got, np.column_stack([by_x[:, 0], by_y[:, 0], by_x[:, 1], by_y[:, 1]]), atol=1e-8)

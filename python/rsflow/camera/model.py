@@ -223,7 +223,7 @@ class Camera:
         xy, dtype = _points(points)
         if not normalized:
             xy = (xy - (self.cx, self.cy)) / (self.fx, self.fy)
-        xy, _ = _distortion.forward(self.model, self.distortion, xy)
+        xy = _distortion.forward(self.model, self.distortion, xy)
         return (xy * (self.fx, self.fy) + (self.cx, self.cy)).astype(dtype, copy=False)
 
     def scaled(self, width: int, height: int) -> Self:
