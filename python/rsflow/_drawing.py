@@ -42,10 +42,23 @@ def displayed(picture: NDArray[Any]) -> NDArray[np.uint8]:
     return np.array(array, order="C")
 
 
+def display_range(array: NDArray[Any]) -> tuple[float, float]:
+    """Return the values shown as black and as white."""
+    values = array[np.isfinite(array)]
+    low, high = np.percentile(values, (0.5, 99.5)) if values.size else (0.0, 1.0)
+    return float(low), float(high)
+
+
+def distinct_color(number: int) -> Color:
+    """Return a bright colour that differs from those of the numbers nearby: hues a golden angle apart."""
+    hue = (number * 0.61803) % 1.0 * 6
+    wave = [255 * min(max(abs((hue + shift) % 6 - 3) - 1, 0.25), 1) for shift in (4.0, 2.0, 0.0)]
+    return int(wave[0]), int(wave[1]), int(wave[2])
+
+
 def _stretched(array: NDArray[Any]) -> NDArray[np.uint8]:
     values = array.astype(np.float32)
-    finite = values[np.isfinite(values)]
-    low, high = np.percentile(finite, (0.5, 99.5)) if finite.size else (0.0, 1.0)
+    low, high = display_range(values)
     scaled = (np.nan_to_num(values, nan=low) - low) * (255.0 / max(high - low, 1e-6))
     return scaled.clip(0, 255).astype(np.uint8)
 

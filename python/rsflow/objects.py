@@ -1,0 +1,311 @@
+"""Things that move: connected regions of a mask, followed over time under one number each, and their table."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import os
+from typing import TYPE_CHECKING, TextIO
+
+import numpy as np
+
+from ._files import writing
+from .errors import OptionError, ShapeError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+__all__ = ["OBJECT_COLUMNS", "ObjectTable", "ObjectTracker", "TrackedObject"]
+
+OBJECT_COLUMNS = (
+    "frame",
+    "t_s",
+    "id",
+    "age_frames",
+    "x_px",
+    "y_px",
+    "left_px",
+    "top_px",
+    "width_px",
+    "height_px",
+    "area_px",
+    "vx_px_per_frame",
+    "vy_px_per_frame",
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackedObject:
+    """A thing that moves, in one frame.
+
+    Attributes
+    ----------
+    id : int
+        Stays the same over the frames, from 1, never used twice.
+    x, y : float
+        Centre of its pixels.
+    box : (x, y, width, height) of int
+        The smallest upright box around its pixels.
+    area : int
+        Its number of pixels.
+    vx, vy : float
+        Its motion against the still surroundings in pixels per frame, median over its pixels; NaN where no pixel has
+        a known motion.
+    age : int
+        For how many frames it has been seen, this one included.
+    """
+
+    id: int
+    x: float
+    y: float
+    box: tuple[int, int, int, int]
+    area: int
+    vx: float
+    vy: float
+    age: int
+
+
+@dataclasses.dataclass
+class _Track:
+    id: int
+    mask: NDArray[np.bool_]
+    origin: tuple[int, int]
+    velocity: tuple[float, float]
+    age: int
+    missed: int = 0
+
+
+class ObjectTracker:
+    """Give the regions of successive masks numbers that last.
+
+    A region belongs to the track whose region of the frame before, moved on by its velocity and the camera's motion,
+    it overlaps most. Where several regions overlap one track, the best keeps the number.
+
+    Parameters
+    ----------
+    min_area : int
+        Regions of fewer pixels are left out.
+    max_missed : int
+        For how many frames a track lives without a region.
+
+    Attributes
+    ----------
+    labels : (height, width) int32
+        The number at each pixel of the last frame, 0 where there is none.
+
+    Raises
+    ------
+    OptionError
+        If a parameter is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> tracker = ObjectTracker(min_area=4)
+    >>> for x in (10, 13, 16):
+    ...     mask = np.zeros((40, 60), bool)
+    ...     mask[10:20, x : x + 8] = True
+    ...     (thing,) = tracker.update(mask, np.where(mask[..., None], (3.0, 0.0), 0.0))
+    >>> thing.id, thing.age, thing.x, thing.vx
+    (1, 3, 19.5, 3.0)
+    """
+
+    def __init__(self, *, min_area: int = 1, max_missed: int = 5) -> None:
+        if min_area < 1 or max_missed < 0:
+            raise OptionError(f"min_area must be from 1 and max_missed from 0, got {min_area} and {max_missed}")
+        self.min_area = min_area
+        self.max_missed = max_missed
+        self._tracks: list[_Track] = []
+        self._next_id = 1
+        self.labels: NDArray[np.int32] = np.zeros((0, 0), np.int32)
+
+    def update(
+        self,
+        mask: NDArray[np.bool_],
+        motion: NDArray[np.floating] | None = None,
+        camera_motion: NDArray[np.float64] | None = None,
+    ) -> tuple[TrackedObject, ...]:
+        """Take the regions of the next frame.
+
+        Parameters
+        ----------
+        mask : ndarray of bool, (height, width)
+            What moves.
+        motion : ndarray, (height, width, 2), optional
+            Motion against the surroundings in pixels per frame, at this frame's pixels, NaN where unknown. Without
+            it the velocity is the way of the centre.
+        camera_motion : ndarray, (3, 3), optional
+            Where the camera's motion takes a pixel of the frame before; by default it stands still.
+
+        Returns
+        -------
+        tuple of TrackedObject
+            By number.
+
+        Raises
+        ------
+        ShapeError
+            If the sizes do not fit together.
+        """
+        import cv2
+
+        mask = np.ascontiguousarray(mask, dtype=bool)
+        if mask.ndim != 2 or (motion is not None and motion.shape != (*mask.shape, 2)):
+            found = None if motion is None else motion.shape
+            raise ShapeError(f"mask must be (height, width) and motion (height, width, 2), got {mask.shape}, {found}")
+        _, labels, stats, centres = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
+        regions = [label for label in range(1, len(stats)) if stats[label, cv2.CC_STAT_AREA] >= self.min_area]
+        numbers = np.zeros(len(stats), np.int32)
+        places = self._associate(labels, stats, regions, camera_motion)
+        out, tracks = [], []
+        for label in regions:
+            left, top, width, height, area = (int(n) for n in stats[label])
+            region = labels[top : top + height, left : left + width] == label
+            track = places.get(label)
+            velocity = _velocity(region, (left, top), motion, track, (centres[label][0], centres[label][1]))
+            if track is None:
+                track = _Track(self._next_id, region, (left, top), velocity, 0)
+                self._next_id += 1
+            known = np.isfinite(velocity).all()
+            numbers[label] = track.id
+            tracks.append(_Track(track.id, region, (left, top), velocity if known else track.velocity, track.age + 1))
+            x, y = (float(n) for n in centres[label])
+            out.append(TrackedObject(track.id, x, y, (left, top, width, height), area, *velocity, tracks[-1].age))
+        seen = {track.id for track in tracks}
+        for track in self._tracks:
+            if track.id not in seen and track.missed < self.max_missed:
+                track.origin = self._predicted(track, camera_motion)
+                track.missed += 1
+                tracks.append(track)
+        self._tracks = tracks
+        self.labels = numbers[labels]
+        return tuple(sorted(out, key=lambda thing: thing.id))
+
+    def _predicted(self, track: _Track, camera_motion: NDArray[np.float64] | None) -> tuple[int, int]:
+        """Upper left corner of a track's region in the next frame."""
+        left, top = track.origin
+        x, y = left + track.mask.shape[1] / 2, top + track.mask.shape[0] / 2
+        dx, dy = (v if np.isfinite(v) else 0.0 for v in track.velocity)
+        if camera_motion is not None:
+            mapped = camera_motion @ (x, y, 1.0)
+            dx, dy = dx + mapped[0] / mapped[2] - x, dy + mapped[1] / mapped[2] - y
+        return round(left + dx), round(top + dy)
+
+    def _associate(
+        self,
+        labels: NDArray[np.int32],
+        stats: NDArray[np.int32],
+        regions: list[int],
+        camera_motion: NDArray[np.float64] | None,
+    ) -> dict[int, _Track]:
+        """Which track each region continues: pairs by overlap with the prediction, the largest first."""
+        pairs = []
+        height, width = labels.shape
+        for number, track in enumerate(self._tracks):
+            left, top = self._predicted(track, camera_motion)
+            rows = slice(max(top, 0), min(top + track.mask.shape[0], height))
+            columns = slice(max(left, 0), min(left + track.mask.shape[1], width))
+            if rows.start >= rows.stop or columns.start >= columns.stop:
+                continue
+            inside = track.mask[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+            found, counts = np.unique(labels[rows, columns][inside], return_counts=True)
+            for label, count in zip(found.tolist(), counts.tolist(), strict=True):
+                if label in regions:
+                    share = count / min(int(track.mask.sum()), int(stats[label, 4]))
+                    pairs.append((-share, -track.age, number, label))
+        places: dict[int, _Track] = {}
+        taken: set[int] = set()
+        for share, _, number, label in sorted(pairs):
+            if number not in taken and label not in places and -share > 0.1:
+                taken.add(number)
+                places[label] = self._tracks[number]
+        return places
+
+
+def _velocity(
+    region: NDArray[np.bool_],
+    origin: tuple[int, int],
+    motion: NDArray[np.floating] | None,
+    track: _Track | None,
+    centre: tuple[float, float],
+) -> tuple[float, float]:
+    left, top = origin
+    if motion is not None:
+        inside = motion[top : top + region.shape[0], left : left + region.shape[1]][region]
+        inside = inside[np.isfinite(inside).all(axis=1)]
+        return (float(np.median(inside[:, 0])), float(np.median(inside[:, 1]))) if len(inside) else (np.nan, np.nan)
+    if track is None or track.missed:
+        return np.nan, np.nan
+    rows, columns = np.nonzero(track.mask)
+    return float(centre[0] - track.origin[0] - columns.mean()), float(centre[1] - track.origin[1] - rows.mean())
+
+
+class ObjectTable:
+    """Write ``objects.csv``: a row for each object in each frame, units in the names of the columns.
+
+    Used as a context manager. The file is written beside its final name and renamed; it is kept as far as it is when
+    the body is interrupted by Ctrl-C, and removed on any other exception.
+
+    Parameters
+    ----------
+    path : path
+        Where to write it.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "objects.csv")
+    ...     with ObjectTable(path) as table:
+    ...         table.write(7, 0.28, [TrackedObject(1, 19.5, 14.5, (16, 10, 8, 10), 80, 3.0, 0.0, 3)])
+    ...     print(path.read_text().splitlines()[1])
+    7,0.280000,1,3,19.50,14.50,16,10,8,10,80,3.000,0.000
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._writing = writing(path)
+        self._file: TextIO | None = None
+
+    def __enter__(self) -> ObjectTable:
+        self._file = self._writing.__enter__().open("w", newline="", encoding="utf-8")
+        self._rows = csv.writer(self._file, lineterminator="\n")
+        self._rows.writerow(OBJECT_COLUMNS)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if self._file is not None:
+            self._file.close()
+        if kind is None or kind is KeyboardInterrupt:
+            self._writing.__exit__(None, None, None)
+        else:
+            self._writing.__exit__(kind, error, None)
+
+    def write(self, frame: int, t_s: float, objects: Iterable[TrackedObject]) -> None:
+        """Append the objects of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number in the source.
+        t_s : float
+            Its time in seconds.
+        objects : iterable of TrackedObject
+            What moves in it.
+        """
+        for thing in objects:
+            self._rows.writerow(
+                [
+                    frame,
+                    f"{t_s:.6f}" if np.isfinite(t_s) else "",
+                    thing.id,
+                    thing.age,
+                    f"{thing.x:.2f}",
+                    f"{thing.y:.2f}",
+                    *thing.box,
+                    thing.area,
+                    f"{thing.vx:.3f}",
+                    f"{thing.vy:.3f}",
+                ]
+            )
