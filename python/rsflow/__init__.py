@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .flow import DenseFlow, FlowField, dense_flow
     from .io import read_flow, write_flow
     from .plotting import QuiverStyle, flow_to_color, quiver
+    from .segmentation import MotionSegmentation, MotionSegmenter
     from .shift import Shift, ShiftStatus, estimate_shift
     from .tracking import PointStatus, PointTracker, Tracks, detect_corners, track_points
     from .velocity import Velocity, VelocityEstimator, VelocityStatus
@@ -44,6 +45,8 @@ _LAZY: dict[str, str] = {
     "FlowField": ".flow",
     "Frame": ".camera.capture",
     "Frames": ".camera.capture",
+    "MotionSegmentation": ".segmentation",
+    "MotionSegmenter": ".segmentation",
     "PointStatus": ".tracking",
     "PointTracker": ".tracking",
     "QuiverStyle": ".plotting",
@@ -67,7 +70,7 @@ _LAZY: dict[str, str] = {
 }
 
 # Submodules that are reached as attributes of the package.
-_SUBMODULES = ("camera", "interop", "io", "plotting", "synthetic", "video")
+_SUBMODULES = ("camera", "interop", "io", "objects", "plotting", "synthetic", "video")
 
 __all__ = [
     "Calibration",
@@ -81,6 +84,8 @@ __all__ = [
     "Frame",
     "Frames",
     "MissingExtraError",
+    "MotionSegmentation",
+    "MotionSegmenter",
     "OptionError",
     "PointStatus",
     "PointTracker",

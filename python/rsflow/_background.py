@@ -116,6 +116,11 @@ class Background:
         picture: F32 = warped(self._picture, self._to_current, missing=np.nan)
         return picture
 
+    def amend_first(self, moving: Mask) -> None:
+        """Say what moved in the only frame kept so far, which nothing was known of when it was added."""
+        if len(self._kept) == 1:
+            self._kept[0].moving |= moving
+
     def add(self, image: F32, moving: Mask) -> None:
         """Offer the current frame with what moves in it; it is kept when it is time for one."""
         self._since += 1

@@ -42,6 +42,7 @@ def estimate_shift(
     illumination: str,
     max_displacement: float | None,
 ) -> tuple[float, float, tuple[float, float, float, float], float, float, float, int]: ...
+
 FlowParts = tuple[
     NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], int
 ]

@@ -67,6 +67,29 @@ def backward(uv: F32, valid: Mask) -> tuple[F32, Mask]:
     return -u, source.view(bool)
 
 
+def carried_back(mask: Mask, uv: F32, valid: Mask) -> Mask:
+    """Where the pixels of a mask of the next frame were in the previous one."""
+    import cv2
+
+    x, y = grid(*mask.shape)
+    flow = np.where(valid[..., None], uv, np.float32(0))
+    out: Mask = cv2.remap(mask.view(np.uint8), x + flow[..., 0], y + flow[..., 1], cv2.INTER_NEAREST).view(bool)
+    return out
+
+
+def seen_before(shape: tuple[int, ...], homography: F64) -> Mask:
+    """Pixels of this frame whose window the frame before shows, as the camera's motion says."""
+    import cv2
+
+    if np.array_equal(homography, np.eye(3)):
+        return np.ones(shape, bool)
+    there = warped(np.ones(shape, np.float32), homography, missing=0.0) > 0.999
+    kernel = np.ones((_TENSOR_WINDOW, _TENSOR_WINDOW), np.uint8)
+    # Beyond the frame counts as seen here, or the frame's own border would be lost as well.
+    out: Mask = cv2.erode(there.view(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=1).view(bool)
+    return out
+
+
 def residual_motion(b: F32, homography: F64) -> F32:
     """Motion that the camera's does not explain, at the pixels of the next frame: y - H(y + b(y))."""
     if np.array_equal(homography, np.eye(3)):
@@ -153,7 +176,7 @@ def outstanding(difference: F32) -> Mask:
     """Where a difference is not far weaker than the strongest nearby: a soft shadow is beside what casts it."""
     import cv2
 
-    length = np.abs(cv2.blur(difference, (3, 3), borderType=cv2.BORDER_REPLICATE))
+    length = np.asarray(np.abs(box(difference, 3)), np.float32)
     # The strongest of a small area, not of a pixel, in the reach of a shadow.
     strongest = cv2.dilate(box(length, _DIFFERENCE_WINDOW), np.ones((_SHADOW_REACH, _SHADOW_REACH), np.uint8))
     out: Mask = length > _SHADOW_SHARE * strongest
@@ -173,7 +196,7 @@ def noise_of(difference: F32, known: Mask) -> float:
 def mismatch(difference: F32, slope: F32, variance: float | F32) -> F32:
     """Mean squared difference of a window in units of what noise and a small misregistration explain: about 1."""
     scale = np.asarray(variance, np.float32) + np.float32(_REGISTRATION_PX**2) * slope
-    return box(difference * difference / scale, _DIFFERENCE_WINDOW)
+    return box(np.asarray(difference * difference / scale, np.float32), _DIFFERENCE_WINDOW)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -241,6 +264,8 @@ def by_flow(
     rest, motion = mismatch(by_rest, slope, usual), mismatch(by_motion, slope, usual)
     length2 = residual[..., 0] ** 2 + residual[..., 1] ** 2
     may = known & (length2 > least_motion**2) & (rest > _WEAK_MISMATCH)
+    # Where there is no texture, both explain it: that alone is no evidence, but it fills a thing.
+    smooth = known & (length2 > least_motion**2) & (motion < _WEAK_MISMATCH)
     # Near the edge of a thing its flow reaches over the surroundings: there rest explains the picture as well.
     may &= rest > np.where(kept, 0.9 * motion, 1.3 * motion + 0.7)
     noise = spread / np.sqrt(2)
@@ -250,8 +275,10 @@ def by_flow(
     seeds, weak = np.zeros_like(may), np.zeros_like(may)
     weak[may] = chi2 > threshold / 3
     seeds[may] = (chi2 > threshold) & (rest[may] > _STRONG_MISMATCH)
-    changed = (rest > _CHANGED) & ~explained_by_light(stood, current, spread)
-    return FlowEvidence(grown(weak, seeds), changed, float(spread), slope, square)
+    changed = known & (rest > _CHANGED) & ~explained_by_light(stood, current, spread)
+    # A thing goes on where its flow does not explain the picture, as on legs, but rest does not either.
+    moving = filled_hulls((weak | changed) & outstanding(by_rest), smooth, seeds)
+    return FlowEvidence(moving, changed, float(spread), slope, square)
 
 
 def explained_by_light(reference: F32, image: F32, noise: float) -> Mask:
@@ -283,6 +310,27 @@ def grown(weak: Mask, seeds: Mask) -> Mask:
     hit[np.unique(labels[seeds])] = True
     hit[0] = False
     out: Mask = hit[labels]
+    return out
+
+
+def filled_hulls(certain: Mask, possible: Mask, seeds: Mask) -> Mask:
+    """Grow seeds over certain and possible pixels, the latter only within the convex hull of the certain ones."""
+    import cv2
+
+    both = certain | seeds | possible
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(both.view(np.uint8), connectivity=8)
+    hit = np.zeros(count, bool)
+    hit[np.unique(labels[seeds])] = True
+    hit[0] = False
+    out: Mask = (certain | seeds) & hit[labels]
+    for label in np.nonzero(hit)[0]:
+        left, top, width, height, _ = stats[label]
+        box = np.s_[top : top + height, left : left + width]
+        here = labels[box] == label
+        rows, columns = np.nonzero(here & out[box])
+        hull = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32))
+        inside = cv2.fillConvexPoly(np.zeros((height, width), np.uint8), hull, 1).astype(bool)
+        out[box] |= here & inside
     return out
 
 

@@ -36,6 +36,10 @@ OBJECT_COLUMNS = (
 )
 
 
+# Share of a region's pixels whose motion must be known for their median to be its motion.
+_ENOUGH_MOTION = 0.3
+
+
 @dataclasses.dataclass(frozen=True)
 class TrackedObject:
     """A thing that moves, in one frame.
@@ -51,8 +55,8 @@ class TrackedObject:
     area : int
         Its number of pixels.
     vx, vy : float
-        Its motion against the still surroundings in pixels per frame, median over its pixels; NaN where no pixel has
-        a known motion.
+        Its motion against the still surroundings in pixels per frame: the median over its pixels, or where few of
+        them have a known motion the way of its centre; NaN in its first frame then.
     age : int
         For how many frames it has been seen, this one included.
     """
@@ -164,7 +168,7 @@ class ObjectTracker:
             left, top, width, height, area = (int(n) for n in stats[label])
             region = labels[top : top + height, left : left + width] == label
             track = places.get(label)
-            velocity = _velocity(region, (left, top), motion, track, (centres[label][0], centres[label][1]))
+            velocity = _velocity(region, (left, top), motion, track, centres[label], camera_motion)
             if track is None:
                 track = _Track(self._next_id, region, (left, top), velocity, 0)
                 self._next_id += 1
@@ -229,17 +233,23 @@ def _velocity(
     origin: tuple[int, int],
     motion: NDArray[np.floating] | None,
     track: _Track | None,
-    centre: tuple[float, float],
+    centre: NDArray[np.float64],
+    camera_motion: NDArray[np.float64] | None,
 ) -> tuple[float, float]:
     left, top = origin
     if motion is not None:
         inside = motion[top : top + region.shape[0], left : left + region.shape[1]][region]
         inside = inside[np.isfinite(inside).all(axis=1)]
-        return (float(np.median(inside[:, 0])), float(np.median(inside[:, 1]))) if len(inside) else (np.nan, np.nan)
+        if len(inside) >= _ENOUGH_MOTION * np.count_nonzero(region):
+            return float(np.median(inside[:, 0])), float(np.median(inside[:, 1]))
     if track is None or track.missed:
         return np.nan, np.nan
     rows, columns = np.nonzero(track.mask)
-    return float(centre[0] - track.origin[0] - columns.mean()), float(centre[1] - track.origin[1] - rows.mean())
+    x, y = track.origin[0] + columns.mean(), track.origin[1] + rows.mean()
+    if camera_motion is not None:
+        mapped = camera_motion @ (x, y, 1.0)
+        x, y = mapped[0] / mapped[2], mapped[1] / mapped[2]
+    return float(centre[0] - x), float(centre[1] - y)
 
 
 class ObjectTable:

@@ -18,12 +18,12 @@ from . import _motion_evidence as evidence
 from ._background import Background, warped
 from ._light import fit_light, relit
 from .errors import DTypeError, OptionError, ShapeError
+from .flow import DenseFlow, Illumination, Preset
 from .objects import ObjectTracker, TrackedObject
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .flow import DenseFlow
     from .io import FlowLike
 
     F32 = NDArray[np.float32]
@@ -34,6 +34,9 @@ __all__ = ["MotionSegmentation", "MotionSegmenter"]
 
 # Vectors for the camera's motion stand this far apart, in pixels: about the reach of the flow's own smoothness.
 _VECTOR_STEP = 12
+# The frame is divided into so many tiles along each side, and each gives at most so many vectors.
+_TILES = 8
+_VECTORS_A_TILE = 8
 # Motion below this many pixels per frame is not told from rest.
 _LEAST_MOTION_PX = 0.4
 # A difference from the background of this many mean squares (see `mismatch`) is one; a weaker one only beside it.
@@ -217,8 +220,8 @@ class MotionSegmenter:
         self,
         *,
         camera_motion: Literal["moving", "static"] = "moving",
-        preset: str = "fast",
-        illumination: str = "gain_offset",
+        preset: Preset = "fast",
+        illumination: Illumination = "gain_offset",
         max_displacement: float | None = None,
         min_area: int | None = None,
     ) -> None:
@@ -228,12 +231,7 @@ class MotionSegmenter:
             raise OptionError(f"min_area must be at least 1 pixel, got {min_area!r}")
         self.static_camera = camera_motion == "static"
         self.min_area = min_area
-        self._flow_options = {
-            "preset": preset,
-            "illumination": illumination,
-            "max_displacement": max_displacement,
-        }
-        self._flow: DenseFlow | None = None
+        self._flow = DenseFlow(preset=preset, illumination=illumination, max_displacement=max_displacement)
         self.reset()
 
     def reset(self) -> None:
@@ -245,8 +243,8 @@ class MotionSegmenter:
         self._spread = np.inf
         self._variance: F32 | None = None
         self._tracker: ObjectTracker | None = None
-        if self._flow is not None:
-            self._flow.reset()
+        self._flow.reset()
+        self._flow_is_ours = True
 
     def update(self, image: NDArray[Any], *, flow: FlowLike | None = None) -> MotionSegmentation:
         """Take the next frame.
@@ -257,7 +255,7 @@ class MotionSegmenter:
             The frame; all of one size.
         flow : FlowField, optional
             Flow from the previous frame to this one where it is known already; by default it is computed here. Give
-            it for every frame or for none.
+            it for every frame after the first or for none.
 
         Returns
         -------
@@ -267,6 +265,8 @@ class MotionSegmenter:
         ------
         ShapeError, DTypeError
             If it is not such a frame, or not of the size of the one before.
+        OptionError
+            If a flow is given for some frames only.
         """
         image = np.asarray(image)
         if image.ndim != 2 or image.size == 0:
@@ -278,19 +278,18 @@ class MotionSegmenter:
         if self._previous is not None and current.shape != self._previous.shape:
             raise ShapeError(f"the frame is {current.shape}, the one before was {self._previous.shape}")
         if flow is None:
-            flow = self._own_flow(image)
+            if not self._flow_is_ours:
+                raise OptionError("give the flow of every frame after the first, or of none")
+            flow = self._flow.update(image)
+        elif self._previous is None:
+            raise OptionError("the first frame has no flow: give flow=None, or reset() before")
+        else:
+            self._flow_is_ours = False
         if self._previous is None or flow is None:
             return self._start(image, current)
         result = self._segment(image, current, flow)
         self._previous = current
         return result
-
-    def _own_flow(self, image: NDArray[Any]) -> FlowLike | None:
-        if self._flow is None:
-            from .flow import DenseFlow
-
-            self._flow = DenseFlow(**self._flow_options)  # type: ignore[arg-type]
-        return self._flow.update(image)
 
     def _start(self, image: NDArray[Any], current: F32) -> MotionSegmentation:
         self._previous = current
@@ -306,10 +305,11 @@ class MotionSegmenter:
         assert self._moving is not None
         assert self._tracker is not None
         uv = np.asarray(flow.uv, np.float32)
-        valid = np.asarray(flow.valid, bool) & np.isfinite(uv[..., 0]) & np.isfinite(uv[..., 1])
+        given: Mask = np.isfinite(uv[..., 0]) & np.isfinite(uv[..., 1])
         if uv.shape != (*current.shape, 2):
             raise ShapeError(f"the flow is {uv.shape} and the frame is {current.shape}")
-        camera = self._camera(uv, valid)
+        trusted = given & np.asarray(flow.valid, bool)
+        camera = self._camera(uv, trusted)
         homography = camera.homography
         self._background.follow(homography)
         if camera.model == "none":
@@ -319,10 +319,11 @@ class MotionSegmenter:
             objects = self._tracker.update(self._moving)
             return self._result(image, current, None, homography, "none", objects, "no_camera_motion")
         small = _Reduced.of(current.shape)
-        b, known = evidence.backward(small.motion(uv, valid), small.all(valid))
+        # Flow that its own estimator does not trust takes part as well: the pictures decide whether it explains them.
+        b, known = evidence.backward(small.motion(uv, given), small.all(given))
         residual = evidence.residual_motion(b, small.homography(homography))
-        # Where this frame shows what the one before did not, nothing is compared.
-        known &= warped(np.ones(known.shape, np.float32), small.homography(homography), missing=0.0) > 0.5
+        # Where this frame shows what the one before did not, and windows reach over there, nothing is compared.
+        known &= evidence.seen_before(known.shape, small.homography(homography))
         kept = small.any(warped(self._moving.view(np.uint8), homography, missing=0, nearest=True).view(bool))
         work = small.image(current)
         least = max(_LEAST_MOTION_PX, 3 * camera.sigma_px) / small.factor
@@ -345,9 +346,11 @@ class MotionSegmenter:
         size = max(3, round(min(mask.shape) / 80)) | 1
         mask = small.enlarged(evidence.cleaned(mask, size, max(1, self._tracker.min_area // small.factor**2)))
         shown = small.enlarged_motion(np.where(known[..., None], residual, np.nan))
-        objects = self._tracker.update(mask, shown, homography)
+        objects = self._tracker.update(mask, np.where(trusted[..., None], shown, np.nan), homography)
         self._moving = self._tracker.labels > 0
-        self._background.add(current, _dilated(self._moving, size))
+        away = _dilated(self._moving, size)
+        self._background.amend_first(evidence.carried_back(away, uv, given))
+        self._background.add(current, away)
         return self._result(image, current, shown, homography, camera.model, objects, "ok")
 
     def _camera(self, uv: F32, valid: Mask) -> _camera_motion.CameraMotion:
@@ -356,6 +359,9 @@ class MotionSegmenter:
         rows, columns = np.nonzero(valid[start::step, start::step])
         rows, columns = rows * step + start, columns * step + start
         points = np.column_stack([columns, rows]).astype(np.float64)
+        tile = (rows * _TILES // valid.shape[0]) * _TILES + columns * _TILES // valid.shape[1]
+        even = _evenly(tile)
+        points, rows, columns = points[even], rows[even], columns[even]
         vectors = uv[rows, columns].astype(np.float64)
         if self.static_camera:
             sigma = 0.0 if not len(vectors) else float(np.median(np.hypot(*vectors.T))) / 1.1774
@@ -373,7 +379,7 @@ class MotionSegmenter:
         spread = found.spread
         still = known & ~kept & ~_dilated(found.moving, 5)
         filled = relit(np.where(known, background, current), current, still, spread)
-        usual = np.float32(spread**2) if self._variance is None else np.maximum(self._variance, self._rounding**2)
+        usual = spread**2 if self._variance is None else np.maximum(self._variance, np.float32(self._rounding**2))
         apart = evidence.mismatch(current - filled, found.slope, usual)
         differs = known & (apart > _WEAK_OUTLINE) & ~evidence.explained_by_light(filled, current, spread)
         differs &= evidence.outstanding(current - filled)
@@ -427,6 +433,15 @@ class MotionSegmenter:
             background=background,
             status=status,
         )
+
+
+def _evenly(tile: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Choose a few vectors of each tile, so that the camera's motion is not that of what has texture."""
+    chosen = []
+    for number in np.unique(tile):
+        inside = np.nonzero(tile == number)[0]
+        chosen.append(inside[:: -(-len(inside) // _VECTORS_A_TILE)])
+    return np.concatenate(chosen) if chosen else np.zeros(0, np.intp)
 
 
 def _dilated(mask: Mask, size: int) -> Mask:

@@ -1,0 +1,344 @@
+"""Static and moving: masks against the truth, camera models, light, backgrounds, objects over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+import skimage.data
+
+import rsflow
+from rsflow import _camera_motion
+from rsflow._background import median
+from rsflow._light import fit_light
+from rsflow.objects import OBJECT_COLUMNS, ObjectTable, ObjectTracker
+from rsflow.segmentation import MotionSegmenter
+
+HEIGHT, WIDTH = 160, 208
+
+
+def texture(name: str, low: float, high: float) -> np.ndarray:
+    image = cv2.GaussianBlur(getattr(skimage.data, name)().astype(np.float32), (0, 0), 1.0)
+    return low + (image - image.min()) * (high - low) / np.ptp(image)
+
+
+GROUND = texture("gravel", 50, 200)
+THING = texture("grass", 90, 250)
+
+
+def scene(
+    frames: int,
+    *,
+    camera: tuple[float, float] = (0.0, 0.0),
+    zoom: float = 1.0,
+    thing: tuple[float, float] | None = (3.0, 1.0),
+    seed: int = 1,
+    noise: float = 1.0,
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Frames over photographed ground with an ellipse that moves by `thing` px a frame over it; and its masks."""
+    rng = np.random.default_rng(seed)
+    images, masks = [], []
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+    for k in range(frames):
+        scale = zoom**k
+        centre = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+        at_x = 250 + (x - centre[0]) / scale + camera[0] * k
+        at_y = 250 + (y - centre[1]) / scale + camera[1] * k
+        image = cv2.remap(GROUND, at_x, at_y, cv2.INTER_CUBIC)
+        mask = np.zeros((HEIGHT, WIDTH), bool)
+        if thing is not None:
+            # On the ground at (220, 235) in the first frame.
+            dx, dy = at_x - 220 - thing[0] * k, at_y - 235 - thing[1] * k
+            mask = (dx / 24) ** 2 + (dy / 18) ** 2 <= 1
+            image[mask] = cv2.remap(THING, dx + 200, dy + 200, cv2.INTER_CUBIC)[mask]
+        images.append(np.clip(image + rng.normal(0, noise, image.shape), 0, 255).round().astype(np.uint8))
+        masks.append(mask)
+    return images, masks
+
+
+def iou(a: np.ndarray, b: np.ndarray) -> float:
+    return np.count_nonzero(a & b) / max(np.count_nonzero(a | b), 1)
+
+
+CAMERAS = {
+    "still": ({}, "static"),
+    "pans": ({"camera": (2.3, -1.2)}, "moving"),
+    "comes near": ({"zoom": 1.012, "camera": (0.5, 0.0)}, "moving"),
+}
+
+
+@pytest.mark.parametrize("case", CAMERAS)
+def test_the_mask_is_the_thing_that_moves(case: str) -> None:
+    options, mode = CAMERAS[case]
+    images, masks = scene(10, **options)
+    segmenter = MotionSegmenter(camera_motion=mode)
+    results = [segmenter.update(image) for image in images]
+    assert results[0].status == "first_frame"
+    assert not results[0].valid
+    assert not results[0].moving.any()
+    assert np.isnan(results[0].residual).all()
+    scores = [iou(result.moving, mask) for result, mask in zip(results, masks, strict=True)]
+    print(case, np.round(scores, 2))
+    assert np.median(scores[2:]) > 0.75
+    assert min(scores[2:]) > 0.6
+    for result, mask in zip(results[2:], masks[2:], strict=True):
+        near = cv2.dilate(mask.astype(np.uint8), np.ones((25, 25))).astype(bool)
+        assert np.count_nonzero(result.moving & ~near) < 0.002 * mask.size
+        (thing,) = [thing for thing in result.objects if thing.area > 200]
+        assert thing.id == results[2].objects[0].id
+        assert np.hypot(thing.x - np.nonzero(mask)[1].mean(), thing.y - np.nonzero(mask)[0].mean()) < 4
+    assert thing.age >= 7
+    assert thing.vx == pytest.approx(3.0, abs=0.5)
+    assert thing.vy == pytest.approx(1.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "model"),
+    [({"camera": (2.3, -1.2)}, {"translation"}), ({"zoom": 1.015}, {"similarity", "affine", "homography"})],
+)
+def test_the_camera_s_motion_is_found_beside_the_thing_s(options: dict, model: set) -> None:
+    images, _ = scene(3, **options)
+    segmenter = MotionSegmenter(camera_motion="moving")
+    result = [segmenter.update(image) for image in images][-1]
+    assert result.camera_model in model
+    centre = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+    zoom, shift = options.get("zoom", 1.0), np.array(options.get("camera", (0, 0)))
+    for point in ([20, 20], [180, 30], [30, 140]):
+        mapped = result.camera_motion @ [*point, 1.0]
+        expected = centre + zoom * (np.array(point) - centre) - shift
+        np.testing.assert_allclose(mapped[:2] / mapped[2], expected, atol=0.15)
+
+
+LIGHTS = {
+    "gain": lambda k, x: 1 + 0.12 * (k % 2),
+    "ramp": lambda k, x: 1 + (0.04 * k) * x / WIDTH,
+    "lamp": lambda k, x: 1 + 0.3 * np.exp(-(((x - 60 - 4 * k) / 50) ** 2)),
+}
+
+
+@pytest.mark.parametrize("mode", ["static", "moving"])
+@pytest.mark.parametrize("light", LIGHTS)
+def test_changing_light_alone_moves_nothing(light: str, mode: str) -> None:
+    camera = (0.0, 0.0) if mode == "static" else (1.5, 0.7)
+    images, _ = scene(8, thing=None, camera=camera)
+    x = np.arange(WIDTH)
+    segmenter = MotionSegmenter(camera_motion=mode)
+    for k, image in enumerate(images):
+        lit = np.clip(image * 0.75 * LIGHTS[light](k, x), 0, 255).astype(np.uint8)
+        result = segmenter.update(lit)
+        assert np.mean(result.moving) < 0.005, (light, mode, k)
+
+
+@pytest.mark.parametrize("mode", ["static", "moving"])
+def test_a_still_scene_has_nothing_that_moves(mode: str) -> None:
+    images, _ = scene(6, thing=None, noise=3.0)
+    segmenter = MotionSegmenter(camera_motion=mode)
+    for image in images:
+        assert not segmenter.update(image).moving.any()
+
+
+@pytest.mark.parametrize("mode", ["static", "moving"])
+def test_the_background_is_what_stands_still(mode: str) -> None:
+    camera = (0.0, 0.0) if mode == "static" else (1.0, 0.5)
+    images, masks = scene(22, camera=camera, thing=(5.0, 0.0))
+    bare, _ = scene(22, camera=camera, thing=None, noise=0.0)
+    segmenter = MotionSegmenter(camera_motion=mode)
+    results = [segmenter.update(image) for image in images]
+    result = results[-1]
+    # Where the thing is now and was not at first, the background is the ground behind it.
+    behind = masks[-1] & np.isfinite(result.background)
+    assert np.count_nonzero(behind) > 0.5 * np.count_nonzero(masks[-1])
+    error = np.abs(result.background[behind] - bare[-1][behind])
+    assert np.median(error) < 4
+    view = result.static_view()
+    assert np.median(np.abs(view[..., 0][behind].astype(float) - bare[-1][behind])) < 6
+
+
+def test_the_views(tmp_path: Path) -> None:
+    images, masks = scene(6)
+    segmenter = MotionSegmenter(camera_motion="static")
+    result = [segmenter.update(image) for image in images][-1]
+    view = result.moving_view(boxes=False)
+    np.testing.assert_array_equal(view[result.moving][:, 0], images[-1][result.moving])
+    assert view[~result.moving].mean() < 0.5 * images[-1][~result.moving].mean()
+    color = np.dstack([images[-1], images[-1] // 2, images[-1]])
+    assert result.moving_view(color).shape == color.shape
+    assert not np.array_equal(result.moving_view(), view), "boxes"
+    np.testing.assert_array_equal(result.static_view(color)[~masks[-1] & (result.residual < 0)], color[:0, 0])
+    with pytest.raises(rsflow.ShapeError, match="the picture is"):
+        result.moving_view(color[1:])
+    sixteen = MotionSegmenter(camera_motion="static")
+    for image in images:
+        result16 = sixteen.update(image.astype(np.uint16) * 256)
+    assert iou(result16.moving, result.moving) > 0.9
+    assert result16.static_view().dtype == np.uint8
+
+
+def test_a_camera_that_sees_nothing_says_so() -> None:
+    segmenter = MotionSegmenter(camera_motion="moving")
+    for _ in range(3):
+        result = segmenter.update(np.full((60, 80), 100, np.uint8))
+    assert result.status == "no_camera_motion"
+    assert result.camera_model == "none"
+    assert not result.moving.any()
+    assert np.isnan(result.residual).all()
+
+
+def test_tiny_frames_and_nan_do_no_harm() -> None:
+    for shape in ((1, 1), (1, 40), (7, 5), (40, 3)):
+        for mode in ("static", "moving"):
+            segmenter = MotionSegmenter(camera_motion=mode)
+            for k in range(3):
+                result = segmenter.update(np.full(shape, 10 * k, np.uint8))
+                assert result.moving.shape == shape
+    segmenter = MotionSegmenter(camera_motion="static")
+    rng = np.random.default_rng(1)
+    for _ in range(4):
+        image = rng.normal(100, 1, (50, 60)).astype(np.float32)
+        image[10:20, 10:20] = np.nan
+        assert not segmenter.update(image).moving.any()
+
+
+def test_misuse_says_what_is_wrong() -> None:
+    with pytest.raises(rsflow.OptionError, match="camera_motion must be 'moving' or 'static', got 'still'"):
+        MotionSegmenter(camera_motion="still")
+    with pytest.raises(rsflow.OptionError, match="min_area must be at least 1 pixel, got 0"):
+        MotionSegmenter(min_area=0)
+    segmenter = MotionSegmenter()
+    with pytest.raises(rsflow.ShapeError, match="must be grey"):
+        segmenter.update(np.zeros((5, 5, 3), np.uint8))
+    with pytest.raises(rsflow.ShapeError, match="must be grey"):
+        segmenter.update(np.zeros((0, 5), np.uint8))
+    with pytest.raises(rsflow.DTypeError, match="got float64"):
+        segmenter.update(np.zeros((5, 5)))
+    frame = np.zeros((20, 20), np.uint8)
+    flow = SimpleNamespace(uv=np.zeros((20, 20, 2), np.float32), valid=np.ones((20, 20), bool))
+    with pytest.raises(rsflow.OptionError, match="the first frame has no flow"):
+        segmenter.update(frame, flow=flow)
+    segmenter.update(frame)
+    with pytest.raises(rsflow.ShapeError, match="the one before was"):
+        segmenter.update(frame[1:])
+    segmenter.update(frame, flow=flow)
+    with pytest.raises(rsflow.OptionError, match="the flow of every frame after the first"):
+        segmenter.update(frame)
+    with pytest.raises(rsflow.ShapeError, match="the flow is"):
+        segmenter.update(frame, flow=SimpleNamespace(uv=flow.uv[1:], valid=flow.valid[1:]))
+    segmenter.reset()
+    assert segmenter.update(frame).status == "first_frame"
+
+
+@pytest.mark.parametrize("name", ["translation", "similarity", "affine", "homography"])
+def test_the_simplest_model_that_explains_the_flow(name: str) -> None:
+    rng = np.random.default_rng(4)
+    points = rng.uniform(0, 600, (500, 2))
+    truth = {
+        "translation": [[1, 0, 4], [0, 1, -2], [0, 0, 1]],
+        "similarity": [[1.01, -0.02, 4], [0.02, 1.01, -2], [0, 0, 1]],
+        "affine": [[1.01, -0.02, 4], [0.01, 0.98, -2], [0, 0, 1]],
+        "homography": [[1.01, -0.02, 4], [0.01, 0.98, -2], [2e-5, -3e-5, 1]],
+    }[name]
+    vectors = _camera_motion.apply(np.array(truth, float), points) - points + rng.normal(0, 0.1, points.shape)
+    # A third moves on its own, coherently.
+    vectors[:160] += (6, 3)
+    points[:160] = rng.uniform(200, 400, (160, 2))
+    vectors[:160] = _camera_motion.apply(np.array(truth, float), points[:160]) - points[:160] + (6, 3)
+    fit = _camera_motion.fit(points, vectors)
+    assert fit.model == name
+    assert fit.sigma_px == pytest.approx(0.1, rel=0.5)
+    assert 0.6 < fit.explained < 0.72
+    corners = np.array([[0.0, 0], [600, 0], [0, 600], [600, 600]])
+    expected = _camera_motion.apply(np.array(truth, float), corners)
+    np.testing.assert_allclose(_camera_motion.apply(fit.homography, corners), expected, atol=0.1)
+    assert _camera_motion.fit(points[:5], vectors[:5]).model == "none"
+
+
+def test_the_median_leaves_out_what_is_missing() -> None:
+    rng = np.random.default_rng(2)
+    stack = [rng.normal(size=(70, 30)).astype(np.float32) for _ in range(9)]
+    for image in stack:
+        image[rng.random(image.shape) < 0.4] = np.inf
+    stack[0][0, 0] = 1.0
+    for image in stack:
+        image[1, 1] = np.inf
+    out, count = median(stack)
+    ordered = np.sort(np.array(stack), axis=0)
+    assert count[1, 1] == 0
+    assert np.isnan(out[1, 1])
+    for y, x in np.argwhere(count > 0)[::7]:
+        assert out[y, x] == ordered[(count[y, x] - 1) // 2, y, x]
+
+
+def test_light_is_fitted_beside_things() -> None:
+    rng = np.random.default_rng(3)
+    reference = rng.uniform(20, 200, (90, 90)).astype(np.float32)
+    image = 0.8 * reference + 12
+    image[:, :25] = 255
+    gain, offset = fit_light(reference, image, np.ones(image.shape, bool))
+    assert gain == pytest.approx(0.8, abs=0.01)
+    assert offset == pytest.approx(12, abs=1)
+    assert fit_light(reference[:4, :4], image[:4, :4], np.ones((4, 4), bool)) == (1.0, 0.0)
+
+
+def disks(shape: tuple[int, int], *centres: tuple[float, float]) -> np.ndarray:
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    return np.any([np.hypot(x - cx, y - cy) < 6 for cx, cy in centres], axis=0)
+
+
+def test_numbers_last_while_things_pass_each_other_and_vanish() -> None:
+    tracker = ObjectTracker(min_area=10, max_missed=3)
+    paths = []
+    for k in range(20):
+        centres = [(10 + 4 * k, 20), (90 - 4 * k, 40)]
+        if 8 <= k < 11:
+            centres.pop(0)
+        mask = disks((60, 100), *centres)
+        motion = np.zeros((*mask.shape, 2))
+        motion[:30] = 4, 0
+        motion[30:] = -4, 0
+        paths.append({thing.id: thing for thing in tracker.update(mask, motion)})
+    assert set().union(*paths) == {1, 2}
+    assert paths[-1][1].y < 30 < paths[-1][2].y
+    assert paths[-1][2].age == 20
+    assert paths[-1][1].age == 17
+    assert paths[-1][1].box[2:] == (11, 11)
+    assert (paths[5][1].vx, paths[5][2].vx) == (4, -4)
+    assert tracker.labels.shape == (60, 100)
+    assert set(np.unique(tracker.labels)) == {0, 1, 2}
+    for _ in range(4):
+        assert tracker.update(np.zeros((60, 100), bool)) == ()
+    (new,) = tracker.update(disks((60, 100), (90, 20)))
+    assert new.id == 3, "a number is never used twice"
+
+
+def test_without_motion_the_way_of_the_centre_is_the_velocity() -> None:
+    tracker = ObjectTracker()
+    camera = np.array([[1, 0, 2.0], [0, 1, 0], [0, 0, 1]])
+    for k in range(4):
+        (thing,) = tracker.update(disks((60, 120), (20 + 5 * k, 30)), None, camera)
+        assert np.isnan(thing.vx) if k == 0 else thing.vx == pytest.approx(3.0)
+    with pytest.raises(rsflow.ShapeError, match="motion"):
+        tracker.update(np.zeros((5, 5), bool), np.zeros((5, 4, 2)))
+    with pytest.raises(rsflow.OptionError, match="min_area"):
+        ObjectTracker(min_area=0)
+
+
+def test_the_table_has_units_and_survives_ctrl_c(tmp_path: Path) -> None:
+    (thing,) = ObjectTracker().update(disks((60, 120), (20, 30)))
+    path = tmp_path / "objects.csv"
+
+    def interrupted(error: type[BaseException]) -> None:
+        with ObjectTable(path) as table:
+            table.write(4, 0.16, [thing])
+            raise error
+
+    with pytest.raises(ValueError, match=r"^$"):
+        interrupted(ValueError)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(KeyboardInterrupt)
+    head, row = path.read_text().splitlines()
+    assert head.split(",") == list(OBJECT_COLUMNS)
+    assert row == "4,0.160000,1,1,20.00,30.00,15,25,11,11,109,nan,nan"
