@@ -39,6 +39,7 @@ def test_real_motion_is_within_one_percent_in_every_row() -> None:
     for row in rows:
         assert abs(row.frame_error) < 0.01, row
         assert abs(row.window_error) < 0.01, row
+        assert row.frame_worst < 0.01, row
         assert abs(row.frame_flow_px - row.true_flow_px) < 0.02, row
     # As printed in the last column: 11.28, 36.07, 13.28 and 23.14 % at 2 cm/s.
     at_two = [abs(g.report_error) for g in groups(rows) if g.actual_cm_s == 2]
@@ -113,7 +114,7 @@ def test_misuse(call: object, message: str) -> None:
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """The whole command with one flight in place of 24: the figures have their own test."""
-    one = RealMotion(10, 30, 2, 6.9, 1.7, 8.1, 8.1, 1.99, 8.1, 2.0, 0.0, 0.0, 0)
+    one = RealMotion(10, 30, 2, 6.9, 1.7, 8.1, 8.1, 1.99, 8.1, 2.0, 0.01, 0.002, 0)
     monkeypatch.setattr(reproduce, "real_motion", lambda **_: (one,))
 
 

@@ -400,3 +400,54 @@ def test_misuse_of_update() -> None:
         estimator.update(np.zeros((120, 160)), 0.0)
     with pytest.raises(DTypeError, match="image is list, expected a numpy array"):
         estimator.update([[0]], 0.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (3, 3), (9, 7), (400, 2)])
+def test_tiny_pictures_are_no_crash(size: tuple[int, int]) -> None:
+    width, height = size
+    camera = Camera(50.0, 50.0, 0.0, 0.0, width=width, height=height)
+    rng = np.random.default_rng(22)
+    for dtype in (np.uint8, np.float32):
+        estimator = VelocityEstimator(camera, height_m=1.0)
+        for k in range(3):
+            v = estimator.update(rng.integers(0, 255, (height, width)).astype(dtype), float(k))
+        assert not v.valid
+        assert np.isnan(vector(v)).all()
+
+
+def test_pixels_that_are_nan_are_left_out() -> None:
+    f = flight(frames=2, velocity_m_s=(0.08, 0.0, 0.0), sensor=Sensor(noise=0.5, dtype="float32"), seed=23)
+    images = f.images.copy()
+    images[:, 30:60, 40:90] = np.nan
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    estimator.update(images[0], 0.0)
+    assert estimator.update(images[1], float(f.t_s[1])).vx_m_s == pytest.approx(0.08, rel=0.01)
+    estimator.update(np.full_like(images[0], np.nan), 1.0)
+    assert not estimator.update(np.full_like(images[0], np.nan), 2.0).valid
+
+
+def test_velocity_is_proportional_to_the_height_and_odd_in_time() -> None:
+    f = flight(frames=2, velocity_m_s=(0.07, -0.04, 0.0), sensor=QUIET, seed=24)
+    found = {}
+    for name, height, order in (("plain", 0.2, (0, 1)), ("twice", 0.4, (0, 1)), ("back", 0.2, (1, 0))):
+        estimator = VelocityEstimator(f.camera, height_m=height)
+        for t, k in enumerate(order):
+            found[name] = estimator.update(f.images[k], float(t))
+    np.testing.assert_allclose(vector(found["twice"]), 2 * vector(found["plain"]), rtol=1e-9)
+    np.testing.assert_allclose(found["twice"].covariance, 4 * found["plain"].covariance, rtol=1e-9)
+    np.testing.assert_allclose(vector(found["back"])[:2], -vector(found["plain"])[:2], atol=0.001 * 0.2)
+
+
+def test_same_pictures_give_the_same_bits_for_any_number_of_threads() -> None:
+    import rsflow
+
+    f = flight(frames=3, velocity_m_s=(0.07, -0.04, 0.1), sensor=QUIET, seed=25)
+    found = []
+    before = rsflow.get_num_threads()
+    try:
+        for threads in (1, 2, 7):
+            rsflow.set_num_threads(threads)
+            found.append([(*vector(v), *v.covariance.ravel()) for v in velocities(f)])
+    finally:
+        rsflow.set_num_threads(before)
+    assert found[0] == found[1] == found[2]

@@ -154,7 +154,7 @@ def test_heights_between_and_outside(tmp_path: Path) -> None:
     path.write_text("\ufefft_s,note,height_m\n0,a,1.0\n\n2,b,2.0\n3,c,\n", encoding="utf-8")
     heights = Heights.read(path)
     assert heights.by == "t_s"
-    assert [heights.at(frame=0, t_s=t) for t in (0.0, 0.5, 2.0)] == [1.0, 1.25, 2.0]
+    assert [heights.at(frame=0, t_s=t) for t in (-0.0009, 0.0, 0.5, 2.0)] == [1.0, 1.0, 1.25, 2.0]
     assert all(np.isnan(heights.at(frame=0, t_s=t)) for t in (-0.1, 2.5, 3.5))
     path.write_text("frame,height_m\n3,0.5\n5,0.6\n", encoding="utf-8")
     heights = Heights.read(path)

@@ -249,8 +249,8 @@ class RealMotion:
         What rsflow measured in the report's window of 60 x 60 pixels: means over the frames.
     frame_flow_px, frame_cm_s : float
         The same from the whole frame of 176 x 144.
-    window_std_cm_s, frame_std_cm_s : float
-        Scatter between the pairs of frames.
+    window_worst, frame_worst : float
+        Length of the error vector of the worst pair of frames, relative to the speed.
     missed : int
         Pairs of frames for which either gave no velocity.
     """
@@ -265,8 +265,8 @@ class RealMotion:
     window_cm_s: float
     frame_flow_px: float
     frame_cm_s: float
-    window_std_cm_s: float
-    frame_std_cm_s: float
+    window_worst: float
+    frame_worst: float
     missed: int
 
     @property
@@ -351,12 +351,14 @@ def _flown(row: Mapping[str, Any], flown: Flight) -> RealMotion:
         (flown.camera, flown.images),
     ):
         estimator = VelocityEstimator(camera, height_m=height_m)
-        speeds, flows = [], []
+        speeds, flows, errors = [], [], []
         for k, (image, t_s) in enumerate(zip(images, flown.t_s, strict=True)):
             v = estimator.update(image, float(t_s))
             if v.valid:
-                along = flown.velocity_m_s[k, :2] / np.linalg.norm(flown.velocity_m_s[k, :2])
-                speeds.append(100.0 * float(along @ (v.vx_m_s, v.vy_m_s)))
+                truth, found = flown.velocity_m_s[k, :2], np.array([v.vx_m_s, v.vy_m_s])
+                speed_m_s = float(np.linalg.norm(truth))
+                speeds.append(100.0 * float(truth @ found) / speed_m_s)
+                errors.append(float(np.linalg.norm(found - truth)) / speed_m_s)
                 flows.append(v.flow_px)
             else:
                 missed[k] |= k > 0
@@ -365,10 +367,10 @@ def _flown(row: Mapping[str, Any], flown: Flight) -> RealMotion:
             (
                 float(np.mean(flows)) if known else np.nan,
                 float(np.mean(speeds)) if known else np.nan,
-                float(np.std(speeds)) if known else np.nan,
+                max(errors) if known else np.nan,
             )
         )
-    (window_flow, window_speed, window_std), (frame_flow, frame_speed, frame_std) = measured
+    (window_flow, window_speed, window_worst), (frame_flow, frame_speed, frame_worst) = measured
     speed, rate = row["actual_velocity_cm_s"], row["frames_per_second"]
     return RealMotion(
         height_cm=row["height_cm"],
@@ -381,8 +383,8 @@ def _flown(row: Mapping[str, Any], flown: Flight) -> RealMotion:
         window_cm_s=window_speed,
         frame_flow_px=frame_flow,
         frame_cm_s=frame_speed,
-        window_std_cm_s=window_std,
-        frame_std_cm_s=frame_std,
+        window_worst=window_worst,
+        frame_worst=frame_worst,
         missed=int(missed.sum()),
     )
 

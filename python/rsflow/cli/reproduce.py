@@ -188,6 +188,10 @@ def _groups(rows: tuple[RealMotion, ...]) -> str:
     worst = [max(abs(getattr(r, name)) for r in rows) for name in ("report_error", "window_error", "frame_error")]
     lines.append(f"largest in any row: report {100 * worst[0]:.2f} %, window {100 * worst[1]:.2f} %, "
                  f"frame {100 * worst[2]:.2f} %")  # fmt: skip
+    lines.append(
+        f"largest error vector of a single pair of frames: window {100 * max(r.window_worst for r in rows):.2f} %, "
+        f"frame {100 * max(r.frame_worst for r in rows):.2f} % of the speed"
+    )
     missed = sum(r.missed for r in rows)
     if missed:
         lines.append(f"{missed} pairs of frames gave no velocity")

@@ -35,6 +35,9 @@ COLUMNS: tuple[str, ...] = (
     "status",
 )
 
+# Times in video files are rounded, to a millisecond at worst: the last frame may lie that far behind the last row.
+_ROUNDING_S = 1e-3
+
 
 @dataclass(frozen=True)
 class Heights:
@@ -105,7 +108,10 @@ class Heights:
     def at(self, *, frame: int, t_s: float) -> float:
         """Height for a frame: the row of its number, or between the times before and after it; NaN outside."""
         if self.by == "t_s":
-            return float(np.interp(t_s, self.keys, self.height_m, left=np.nan, right=np.nan))
+            first, last = float(self.keys[0]), float(self.keys[-1])
+            if not first - _ROUNDING_S <= t_s <= last + _ROUNDING_S:
+                return np.nan
+            return float(np.interp(t_s, self.keys, self.height_m))
         place = int(np.searchsorted(self.keys, frame))
         return float(self.height_m[place]) if place < len(self.keys) and self.keys[place] == frame else np.nan
 
@@ -192,7 +198,9 @@ def plot_velocity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], 
     blind = np.array([not np.isfinite(value) for value in speed])
     blind[0] = False
     if blind.any():
-        below.plot(t[blind], np.zeros(int(blind.sum())), "x", color="C3", markersize=5, label="not measured")
+        below.plot(
+            t[blind], np.zeros(int(blind.sum())), "x", color="C3", markersize=5, clip_on=False, label="not measured"
+        )
         below.legend(loc="upper right", fontsize="small")
     below.set_ylim(bottom=0.0)
     below.set_ylabel("speed over ground (m/s)")
