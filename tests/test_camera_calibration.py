@@ -208,7 +208,7 @@ def test_other_depths_are_searched_too():
     assert len(rsflow.calibrate(floats, board=BOARD, square_size_m=SQUARE_M).used) == 4
 
 
-def test_of_a_video_only_views_that_differ_are_used(tmp_path):
+def test_of_a_video_only_views_that_differ_are_used(tmp_path, monkeypatch):
     writer = cv2.VideoWriter(str(tmp_path / "b.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, TRUTH.size)
     for view in views()[:6]:
         for _ in range(3):
@@ -217,6 +217,9 @@ def test_of_a_video_only_views_that_differ_are_used(tmp_path):
     result = rsflow.calibrate(tmp_path / "b.avi", board=BOARD, square_size_m=SQUARE_M)
     assert len(result.used) == 6
     assert set(result.rejected.values()) == {"shows the board where an earlier view does"}
+    assert "frame 1 " in result.summary()
+    monkeypatch.setattr("rsflow.camera._calibration_report._LISTED", 3)
+    assert "12 others: shows the board where an earlier view does" in result.summary()
     few = rsflow.calibrate(tmp_path / "b.avi", board=BOARD, square_size_m=SQUARE_M, max_views=4)
     assert len(few.used) == 4
     seen = []
@@ -370,3 +373,55 @@ def test_the_command_says_in_one_line_what_is_wrong(tmp_path, capsys, arguments,
     err = capsys.readouterr().err
     assert message in err
     assert err.count("\n") == 1
+
+
+class BoardCamera:
+    """A made-up live camera before which the board moves from view to view."""
+
+    def __init__(self):
+        self.grabbed = 0
+
+    def isOpened(self):  # noqa: N802
+        return True
+
+    def get(self, what):
+        return {cv2.CAP_PROP_FRAME_WIDTH: TRUTH.width, cv2.CAP_PROP_FRAME_HEIGHT: TRUTH.height}.get(what, 30.0)
+
+    def grab(self):
+        time.sleep(0.02)
+        self.grabbed += 1
+        return True
+
+    def retrieve(self):
+        return True, views()[self.grabbed // 5 % len(views())]
+
+    def release(self):
+        pass
+
+
+def test_a_live_camera_is_calibrated_with_hints_where_to_hold_the_board(monkeypatch, capsys):
+    monkeypatch.setattr("rsflow.camera._live.LiveReader._opened", lambda _self: BoardCamera())
+    views()
+    assert main(["calibrate", "0", "--board", "8x6", "--square", "0.025", "--max-views", "5", "--json"]) == 0
+    out = capsys.readouterr()
+    assert sum(view["used"] for view in json.loads(out.out)["views"]) == 5
+    assert "48 corners (1 views); hold the board in the " in out.err
+    assert "(5 views)" in out.err
+
+
+def test_ctrl_c_ends_a_live_source_that_has_shown_enough(monkeypatch):
+    monkeypatch.setattr("rsflow.camera._live.LiveReader._opened", lambda _self: BoardCamera())
+
+    def interrupt_after(count):
+        def on_view(_view, usable):
+            if usable == count:
+                raise KeyboardInterrupt
+
+        return on_view
+
+    result = rsflow.calibrate(0, board=BOARD, square_size_m=SQUARE_M, on_view=interrupt_after(4))
+    assert len(result.used) == 4
+    with pytest.raises(KeyboardInterrupt):
+        rsflow.calibrate(0, board=BOARD, square_size_m=SQUARE_M, on_view=interrupt_after(2))
+    with pytest.raises(KeyboardInterrupt):
+        rsflow.calibrate(list(views()), board=BOARD, square_size_m=SQUARE_M, on_view=interrupt_after(4))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,9 @@ _GOOD_VIEWS = 10
 
 # Enlargement of the residual arrows in the pictures.
 _ARROWS = 50
+
+# Views that are not used are listed one by one up to this number, then counted.
+_LISTED = 20
 
 _PLACES = (
     ("top left", "top", "top right"),
@@ -132,15 +136,20 @@ def summary(calibration: Calibration) -> str:
         digits = 2 if unit else 5
         lines.append(f"{name:<9} {value:12.{digits}f} {calibration.std[name]:12.{digits}f}{unit}{share}")
     lines += ["", "view                          corners    rms px   tilt deg   moves f by"]
+    rejected = calibration.rejected
     for view in calibration.views:
         if not view.used:
-            lines.append(f"{view.name:<28} {'-':>8}   {view.reason}")
+            if len(rejected) <= _LISTED:
+                lines.append(f"{view.name:<28} {'-':>8}   {view.reason}")
             continue
         repaired = f"   {view.repaired} corners set right" if view.repaired else ""
         lines.append(
             f"{view.name:<28} {len(view.corners):8d} {view.rms:9.3f} {math.degrees(view.tilt_rad):10.1f} "
             f"{view.influence:11.3%}{repaired}"
         )
+    if len(rejected) > _LISTED:
+        counts = Counter(rejected.values())
+        lines += [f"{count} others: {reason}" for reason, count in counts.most_common(_LISTED)]
     lines += [
         "",
         f"{grade}: f is known to {deviation:.2%} (one standard deviation); a speed over ground computed with it is "

@@ -328,7 +328,9 @@ class _Search:
             corners, reason = None, "shows the board where an earlier view does"
         if corners is None and len(self._samples) < 3:
             self._samples.append(image)
-        view = View(_name(frame), corners is not None, reason, jpeg=_jpeg(image))
+        # Of a video or a live camera thousands of frames are not used: only pictures keep those to be looked at.
+        keep = corners is not None or self._distinct < _DISTINCT
+        view = View(_name(frame), corners is not None, reason, jpeg=_jpeg(image) if keep else b"")
         if corners is not None:
             view = View(
                 view.name,
