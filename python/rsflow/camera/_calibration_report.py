@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from .._files import writing
 
 if TYPE_CHECKING:
-    from .calibration import Calibration, View
+    from .calibration import Calibration
+    from .views import View
 
 # Focal lengths from a chessboard repeat to 0.09 % at best; a deviation of half a percent is half a percent of speed.
 _FOCAL_GOOD = 0.001

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CaptureError, DTypeError, FormatError, OptionError, ShapeError
+from ..errors import DTypeError, OptionError, ShapeError
+from ._times import given_times
 
 __all__ = ["Frame", "FrameSource", "Frames", "Timestamps", "frames"]
 
@@ -362,7 +361,7 @@ def frames(
         raise OptionError("frame_rate and times: got both, expected one of them")
     if not (math.isfinite(timeout_s) and timeout_s > 0):
         raise OptionError(f"timeout_s: got {timeout_s}, expected a finite number of seconds above 0")
-    given = None if times is None else _times(times)
+    given = None if times is None else given_times(times)
 
     from ._sources import open_source
 
@@ -399,44 +398,3 @@ def _region(roi: Any) -> tuple[int, int, int, int]:
     except (TypeError, ValueError):
         raise OptionError(f"roi: got {roi!r}, expected four integers (x, y, width, height)") from None
     return x, y, w, h
-
-
-def _times(times: Any) -> NDArray[np.float64]:
-    where = "times"
-    if isinstance(times, (str, os.PathLike)):
-        where = str(times)
-        values = _times_of_csv(Path(times))
-    else:
-        values = np.asarray(times, dtype=np.float64)
-    if values.ndim != 1 or not np.isfinite(values).all():
-        raise OptionError(f"{where}: got shape {values.shape}, expected one finite time in seconds for each frame")
-    back = np.flatnonzero(np.diff(values) <= 0)
-    if back.size:
-        i = int(back[0])
-        raise OptionError(
-            f"{where}: got {values[i + 1]} s for frame {i + 1} after {values[i]} s, expected strictly increasing times"
-        )
-    return values
-
-
-def _times_of_csv(path: Path) -> NDArray[np.float64]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
-    except FileNotFoundError:
-        raise CaptureError(f"times: no such file: {path}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FormatError(f"{path}: not a CSV file: {error}") from None
-    if not rows:
-        raise FormatError(f"{path}: got an empty file, expected a CSV with a column t_s")
-    header = [cell.strip() for cell in rows[0]]
-    column = header.index("t_s") if "t_s" in header else None
-    if column is None and len(header) > 1:
-        raise FormatError(f"{path}: got the columns {', '.join(header)}, expected one that is called t_s")
-    values = []
-    for number, row in enumerate(rows[0 if column is None else 1 :], start=1 if column is None else 2):
-        try:
-            values.append(float(row[column or 0]))
-        except (ValueError, IndexError):
-            raise FormatError(f"{path}: row {number}: got {','.join(row)!r}, expected a time in seconds") from None
-    return np.array(values)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from rsflow.camera.calibration import View
+    from rsflow.camera.views import View
 
 DESCRIPTION = """\
 Calibrate a camera from pictures of a chessboard or ChArUco board.
