@@ -145,8 +145,8 @@ def test_what_stands_still_is_a_dot_and_a_long_arrow_is_cut() -> None:
 def test_one_style_keeps_the_scale_over_a_clip() -> None:
     fields = [np.full((480, 640, 2), speed, np.float32) for speed in (1, 3)]
     style = QuiverStyle.fitted(fields)
-    assert (style.step, style.zoom) == (20, 1)
-    assert style.scale == 7
+    assert (style.step, style.zoom) == (16, 1)
+    assert style.scale == 5
     assert QuiverStyle.fitted(np.zeros((144, 176, 2))).scale == 20
     assert QuiverStyle.fitted(np.zeros((144, 176, 2))).zoom == 3
     keys = [rsflow.quiver(field, style=style)[420:, :100] for field in np.zeros((2, 480, 640, 2))]

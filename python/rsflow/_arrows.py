@@ -35,6 +35,24 @@ def grid(height: int, width: int, step: int) -> NDArray[np.float64]:
     return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
 
 
+def known_grid(known: NDArray[np.bool_], step: int) -> NDArray[np.float64]:
+    """Return the points of a grid that are known, or the known pixel nearest to each within 0.4 steps, (n, 2)."""
+    import cv2
+
+    points = grid(known.shape[0], known.shape[1], step)
+    if not known.any():
+        return points[:0]
+    distance, labels = cv2.distanceTransformWithLabels(
+        (~known).view(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    pixel_of = np.zeros(int(labels.max()) + 1, np.intp)
+    pixel_of[labels[known]] = np.flatnonzero(known)
+    columns, rows = points.astype(int).T
+    near = distance[rows, columns] <= 0.4 * step
+    nearest = pixel_of[labels[rows[near], columns[near]]]
+    return np.column_stack([nearest % known.shape[1], nearest // known.shape[1]]).astype(np.float64)
+
+
 def shapes(
     points: NDArray[np.float64], vectors: NDArray[np.float64], style: QuiverStyle
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:

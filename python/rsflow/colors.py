@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     Picture = NDArray[np.uint8]
 
 # What counts as the largest motion of a field: beyond it are outliers. Less than half a pixel is noise.
-_LARGEST_PERCENTILE = 99.0
+_LARGEST_PERCENTILE = 97.0
 _LEAST_MAX_FLOW = 0.5
+_LEAST_SHARE = 1e-3
 
 # S. Baker et al., IJCV 92, 2011: hues between red, yellow, green, cyan, blue and magenta, and their steps.
 _WHEEL_STEPS = (15, 6, 4, 11, 13, 6)
@@ -44,11 +45,18 @@ def _flows(fields: Field | list[Field]) -> list[NDArray[np.float32]]:
 
 
 def largest_motion(fields: Field | list[Field]) -> float:
-    """99th percentile of the known magnitudes in pixels of one field or several, 0 where nothing is known."""
+    """Largest motion in pixels of one field or several but for outliers, 0 where nothing is known.
+
+    The 97th percentile of what moves, or of everything where too little moves to tell it from outliers: a small thing
+    that moves before still ground sets the scale, not the ground's noise.
+    """
     flows = _flows(fields)
     lengths = np.concatenate([np.hypot(flow[..., 0], flow[..., 1]).ravel() for flow in flows])
     lengths = lengths[np.isfinite(lengths)]
-    return float(np.percentile(lengths, _LARGEST_PERCENTILE)) if lengths.size else 0.0
+    moving = lengths[lengths > _LEAST_MAX_FLOW]
+    if moving.size < _LEAST_SHARE * lengths.size:
+        moving = lengths
+    return float(np.percentile(moving, _LARGEST_PERCENTILE)) if moving.size else 0.0
 
 
 def fitted_max_flow(fields: Field | list[Field]) -> float:
@@ -62,7 +70,7 @@ def fitted_max_flow(fields: Field | list[Field]) -> float:
     Returns
     -------
     float
-        In pixels: the 99th percentile of the motion, and at least 0.5, so that noise does not fill the wheel.
+        In pixels: the 97th percentile of what moves, and at least 0.5, so that noise does not fill the wheel.
 
     Examples
     --------

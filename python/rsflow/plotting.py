@@ -63,7 +63,7 @@ class QuiverStyle:
     >>> import numpy as np, rsflow
     >>> style = rsflow.QuiverStyle.fitted(np.full((480, 640, 2), 3.0))
     >>> style.step, style.scale
-    (20, 7.0)
+    (16, 5.0)
     """
 
     step: int = 16
@@ -111,14 +111,14 @@ class QuiverStyle:
         Returns
         -------
         QuiverStyle
-            32 arrows side by side, at least 8 px from each other, and a round scale at which the largest motions (the
-            99th percentile) are up to a step and a half long. A picture below 480 px of width is enlarged.
+            40 arrows side by side, at least 8 px from each other, and a round scale at which the largest motions are
+            up to a step and a half long. A picture below 480 px of width is enlarged.
         """
         if width is None:
             width = vectors_of(fields[0] if isinstance(fields, list) else fields).shape[-2]
         largest = largest_motion(fields)
         if step is None:
-            step = max(8, round(width / 32))
+            step = max(8, round(width / 40))
         cls(step=step)
         if scale is None:
             wanted = 1.5 * step / largest if largest > 0 else _HIGHEST_SCALE
@@ -140,8 +140,8 @@ def quiver(
 ) -> Picture:
     """Draw motion as arrows over a picture.
 
-    Arrows start at the pixel of the first picture. They stand only where the motion is known; a pixel that stands
-    still has a dot, an unknown one has nothing.
+    Arrows start at the pixel of the first picture. They stand only where the motion is known: on a grid, or beside
+    it at the nearest pixel that is known. A pixel that stands still has a dot, an unknown one has nothing.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def quiver(
     else:
         style = dataclasses.replace(style, **knobs)
     if points is None:
-        where = _arrows.grid(*size, style.step)
+        where = _arrows.known_grid(shown, style.step)
         columns, rows = where.astype(int).T
         uv, shown = uv[rows, columns], shown[rows, columns]
     else:

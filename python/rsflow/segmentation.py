@@ -17,6 +17,7 @@ from . import _camera_motion, _drawing
 from . import _motion_evidence as evidence
 from ._background import Background, warped
 from ._light import fit_light, relit
+from ._reduction import Reduction
 from .errors import DTypeError, OptionError, ShapeError
 from .flow import DenseFlow, Illumination, Preset
 from .objects import ObjectTracker, TrackedObject
@@ -47,8 +48,6 @@ _MEMORY_FRAMES = 20
 # The smallest region, as a share of the frame, and in pixels.
 _LEAST_SHARE = 1e-4
 _LEAST_AREA = 12
-# Larger frames are reduced before pixels are judged: outlines are then that much coarser.
-_MOST_PIXELS = 200_000
 # The noise of a camera rises at most by this factor from frame to frame.
 _SPREAD_RISE = 1.1
 # Share of a frame in the usual variance of a pixel's difference: it remembers twenty frames.
@@ -318,7 +317,7 @@ class MotionSegmenter:
             self._moving = np.zeros_like(self._moving)
             objects = self._tracker.update(self._moving)
             return self._result(image, current, None, homography, "none", objects, "no_camera_motion")
-        small = _Reduced.of(current.shape)
+        small = Reduction.of(current.shape)
         # Flow that its own estimator does not trust takes part as well: the pictures decide whether it explains them.
         b, known = evidence.backward(small.motion(uv, given), small.all(given))
         residual = evidence.residual_motion(b, small.homography(homography))
@@ -368,7 +367,7 @@ class MotionSegmenter:
             return _camera_motion.CameraMotion(np.eye(3), "static", min(max(sigma, 0.02), 0.3), 1.0)
         return _camera_motion.fit(points, vectors)
 
-    def _outlined(self, current: F32, found: evidence.FlowEvidence, kept: Mask, small: _Reduced) -> Mask:
+    def _outlined(self, current: F32, found: evidence.FlowEvidence, kept: Mask, small: Reduction) -> Mask:
         """With a static camera: regions that differ from the background and move, or moved lately."""
         if self._heat is None:
             self._heat = np.zeros(current.shape, np.uint8)
@@ -449,66 +448,3 @@ def _dilated(mask: Mask, size: int) -> Mask:
 
     out: Mask = cv2.dilate(mask.view(np.uint8), np.ones((size, size), np.uint8)).astype(bool)
     return out
-
-
-@dataclasses.dataclass(frozen=True)
-class _Reduced:
-    """A frame reduced by a whole number: images, masks and motion to it and back."""
-
-    full: tuple[int, int]
-    factor: int
-
-    @classmethod
-    def of(cls, shape: tuple[int, ...]) -> _Reduced:
-        factor = 1
-        while shape[0] * shape[1] > _MOST_PIXELS * factor**2:
-            factor *= 2
-        return cls((shape[0], shape[1]), factor)
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the reduced frame, as OpenCV takes them."""
-        return max(self.full[1] // self.factor, 1), max(self.full[0] // self.factor, 1)
-
-    def image(self, image: F32) -> F32:
-        import cv2
-
-        if self.factor == 1:
-            return image
-        out: F32 = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
-        return out
-
-    def all(self, mask: Mask) -> Mask:
-        return self.image(mask.astype(np.float32)) > 0.999
-
-    def any(self, mask: Mask) -> Mask:
-        return self.image(mask.astype(np.float32)) > 0.001
-
-    def motion(self, uv: F32, valid: Mask) -> F32:
-        return self.image(np.where(valid[..., None], uv, np.float32(0))) / np.float32(self.factor)
-
-    def homography(self, full: F64) -> F64:
-        if self.factor == 1:
-            return full
-        # Pixel centres: X = (x + 0.5) k - 0.5.
-        shift = (self.factor - 1) / 2
-        up = np.array([[self.factor, 0, shift], [0, self.factor, shift], [0, 0, 1.0]])
-        out: F64 = np.linalg.inv(up) @ full @ up
-        return out
-
-    def enlarged(self, mask: Mask) -> Mask:
-        import cv2
-
-        if self.factor == 1:
-            return mask
-        size = (self.full[1], self.full[0])
-        out: Mask = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) > 0.5
-        return out
-
-    def enlarged_motion(self, motion: F32) -> F32:
-        import cv2
-
-        if self.factor == 1:
-            return motion
-        out: F32 = cv2.resize(motion, (self.full[1], self.full[0]), interpolation=cv2.INTER_LINEAR)
-        return out * np.float32(self.factor)

@@ -17,7 +17,10 @@ from typing import NoReturn
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)` and `run(args) -> int`, one line of help).
 COMMANDS: dict[str, tuple[str, str]] = {
     "calibrate": ("rsflow.cli.calibrate", "a camera file from pictures of a chessboard or ChArUco board"),
+    "convert": ("rsflow.cli.convert", "flow files and camera files from one format to another"),
+    "flow": ("rsflow.cli.flow", "where every pixel went, of two pictures or a whole sequence"),
     "reproduce": ("rsflow.cli.reproduce", "repeat the report's experiments, its tables beside what rsflow measures"),
+    "segment": ("rsflow.cli.segment", "what moves and what stands still, with numbers for the things that move"),
     "shift": ("rsflow.cli.shift", "how far a window moved from one picture to the next"),
     "velocity": ("rsflow.cli.velocity", "how fast the camera travels over flat ground, in metres per second"),
 }

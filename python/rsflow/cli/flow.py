@@ -1,0 +1,210 @@
+"""``rsflow flow``: where every pixel went, of two pictures or of a whole sequence."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rsflow.errors import OptionError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rsflow.camera.capture import Frame
+    from rsflow.flow import FlowField
+    from rsflow.plotting import QuiverStyle
+
+DESCRIPTION = """\
+Measure where every pixel went: from PREV to NEXT, or from frame to frame of a SOURCE (a video, a folder or glob of
+pictures, a camera's index, a URL).
+
+examples:
+  rsflow flow a.png b.png -o flow.flo               Middlebury's format
+  rsflow flow a.png b.png -o kitti.png              KITTI's, 16 bits (.npy, .npz and .pfm are there as well)
+  rsflow flow a.png b.png --picture arrows.svg      arrows over a.png, as vectors (.png and .jpg as pixels)
+  rsflow flow a.png b.png --picture c.png --style color       Middlebury's colours, with their wheel
+  rsflow flow clip.mp4 --picture arrows.mp4         a video, with one scale for all of it
+  rsflow flow clip.mp4 -o folder --format npz       a file for each pair: flow_000001.npz, with times
+
+Motion is in pixels, x to the right and y down, at the pixels of the first picture of each pair."""
+
+_STYLES = ("arrows", "color", "overlay")
+# The scale of a clip is fitted to its first pairs.
+_FITTED_PAIRS = 10
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("source", metavar="PREV|SOURCE", help="the first picture, or with nothing else a source")
+    parser.add_argument("next", metavar="NEXT", nargs="?", help="the second picture, of the same size")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE|FOLDER", help="where to write the flow: a file of a pair, a folder of a source"
+    )
+    parser.add_argument(
+        "--format", choices=("flo", "png", "npy", "npz", "pfm"), default="flo", help="of the files in the folder (flo)"
+    )
+    parser.add_argument("--picture", metavar="FILE", help="draw it: .png, .jpg or .svg of a pair, .mp4 of a source")
+    parser.add_argument("--style", choices=_STYLES, default="arrows", help="how to draw it (arrows)")
+    parser.add_argument("--step", type=int, metavar="PX", help="distance between arrows (a 32nd of the width)")
+    parser.add_argument("--scale", type=float, metavar="X", help="length of an arrow per pixel of motion (fitted)")
+    parser.add_argument("--max-flow", type=float, metavar="PX", help="motion of full colour (fitted)")
+    parser.add_argument("--preset", choices=("fast", "balanced", "accurate"), default="balanced", help="(balanced)")
+    parser.add_argument(
+        "--illumination", choices=("gain_offset", "offset", "none"), default="gain_offset", help="how light may change"
+    )
+    parser.add_argument("--max-displacement", type=float, metavar="PX", help="the largest motion to expect")
+    parser.add_argument("--start", type=int, metavar="N", help="first frame of a source")
+    parser.add_argument("--stop", type=int, metavar="N", help="frame of a source to stop before")
+    parser.add_argument("--stride", type=int, default=1, metavar="N", help="take every Nth frame of a source (1)")
+    parser.add_argument("--json", action="store_true", help="print a line of JSON for each pair")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command: 0 done."""
+    if args.next is None:
+        return _sequence(args)
+    return _pair(args)
+
+
+def _pair(args: argparse.Namespace) -> int:
+    from rsflow.flow import DenseFlow
+    from rsflow.io import write_flow
+
+    first, second = (_only(path) for path in (args.source, args.next))
+    flow = DenseFlow(preset=args.preset, illumination=args.illumination, max_displacement=args.max_displacement)
+    flow.update(first.image)
+    field = flow.update(second.image)
+    assert field is not None
+    if args.output:
+        write_flow(args.output, field)
+    if args.picture:
+        _draw(args, field, first, path=args.picture)
+    print(_summary(field, 1, math.nan, math.nan, as_json=args.json))
+    return 0
+
+
+def _only(path: str) -> Frame:
+    from rsflow.camera.capture import frames
+
+    with frames(path, color=True, stop=1) as source:
+        return next(iter(source))
+
+
+def _pairs(args: argparse.Namespace, source: Iterator[Frame]) -> Iterator[tuple[Frame, Frame, FlowField]]:
+    from rsflow.flow import DenseFlow
+
+    flow = DenseFlow(preset=args.preset, illumination=args.illumination, max_displacement=args.max_displacement)
+    before: Frame | None = None
+    for frame in source:
+        field = flow.update(frame.image)
+        if field is not None and before is not None:
+            yield before, frame, field
+        before = frame
+
+
+def _sequence(args: argparse.Namespace) -> int:
+    from rsflow.camera.capture import frames
+    from rsflow.io import write_flow
+    from rsflow.video import VideoWriter
+
+    if args.output:
+        Path(args.output).mkdir(parents=True, exist_ok=True)
+    count = 0
+    with contextlib.ExitStack() as stack:
+        source = stack.enter_context(
+            frames(args.source, color=True, start=args.start, stop=args.stop, stride=args.stride)
+        )
+        video = None
+        if args.picture:
+            rate = (source.frame_rate or 25.0) / args.stride
+            video = stack.enter_context(VideoWriter(args.picture, frame_rate=rate))
+        waiting: list[tuple[Frame, FlowField]] = []
+        look: dict[str, Any] | None = None
+
+        def drawn(all_of_them: bool) -> None:
+            nonlocal look
+            if video is None or not waiting or (look is None and not all_of_them and len(waiting) < _FITTED_PAIRS):
+                return
+            look = look or _fitted(args, [field for _, field in waiting])
+            for frame, field in waiting:
+                video.write(_draw(args, field, frame, **look), frame.t_s if math.isfinite(frame.t_s) else None)
+            waiting.clear()
+
+        try:
+            for before, after, field in _pairs(args, source):
+                count += 1
+                if args.output:
+                    times = {} if math.isnan(before.t_s + after.t_s) else {"t0_s": before.t_s, "t1_s": after.t_s}
+                    write_flow(Path(args.output) / f"flow_{after.index:06d}.{args.format}", field, **times)
+                if video is not None:
+                    waiting.append((before, field))
+                    drawn(all_of_them=False)
+                print(_summary(field, after.index, before.t_s, after.t_s, as_json=args.json))
+            drawn(all_of_them=True)
+        except KeyboardInterrupt:
+            # What is finished is kept.
+            drawn(all_of_them=True)
+            if video is not None:
+                video.finish()
+            raise
+    if count == 0:
+        print(f"rsflow flow: {args.source} has fewer than two frames: no flow", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _fitted(args: argparse.Namespace, fields: list[FlowField]) -> dict[str, Any]:
+    """Choose the scale of a clip once."""
+    from rsflow.plotting import QuiverStyle, fitted_max_flow
+
+    listed: list[Any] = list(fields)
+    if args.style == "arrows":
+        return {"style": QuiverStyle.fitted(listed, step=args.step, scale=args.scale)}
+    return {"max_flow": args.max_flow or fitted_max_flow(listed)}
+
+
+def _draw(
+    args: argparse.Namespace,
+    field: FlowField,
+    frame: Frame,
+    *,
+    style: QuiverStyle | None = None,
+    max_flow: float | None = None,
+    path: str | None = None,
+) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    from rsflow.plotting import flow_over_picture, flow_to_color, quiver
+
+    picture = frame.image if frame.color is None else frame.color
+    if args.style == "arrows":
+        knobs = {} if style else {k: getattr(args, k) for k in ("step", "scale") if getattr(args, k) is not None}
+        return quiver(field, picture=picture, style=style, path=path, **knobs)
+    if path and Path(path).suffix.lower() == ".svg":
+        raise OptionError("an .svg has arrows: --style arrows")
+    limit = max_flow or args.max_flow
+    if args.style == "color":
+        return flow_to_color(field, max_flow=limit, legend=True, path=path)
+    return flow_over_picture(field, picture, max_flow=limit, path=path)
+
+
+def _summary(field: FlowField, index: int, t0_s: float, t1_s: float, *, as_json: bool) -> str:
+    known = field.uv[field.valid]
+    share = float(field.valid.mean())
+    mean = [float(n) for n in np.median(known, axis=0)] if len(known) else [math.nan, math.nan]
+    largest = float(np.percentile(np.hypot(*known.T), 99)) if len(known) else math.nan
+    if as_json:
+        values = {"t0_s": t0_s, "t1_s": t1_s, "median_u_px": mean[0], "median_v_px": mean[1], "p99_px": largest}
+        numbers = {name: value if math.isfinite(value) else None for name, value in values.items()}
+        return json.dumps({"frame": index, **numbers, "valid_share": share})
+    if not len(known):
+        return f"frame {index}: nothing could be measured"
+    return (
+        f"frame {index}: median motion ({mean[0]:+.2f}, {mean[1]:+.2f}) px, 99 % below {largest:.2f} px, "
+        f"{100 * share:.0f} % of the pixels valid"
+    )

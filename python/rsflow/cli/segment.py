@@ -1,0 +1,105 @@
+"""``rsflow segment SOURCE -o OUT``: what moves and what stands still."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import sys
+from pathlib import Path
+
+DESCRIPTION = """\
+Tell what moves from what stands still in a SOURCE (a video, a folder or glob of pictures, a camera's index, a URL).
+
+In OUT: moving.mp4 (what moves, with numbers), static.mp4 (the same without it), objects.csv (a row for each thing in
+each frame, units in the names of the columns), and with --masks a black and white picture of each frame.
+
+examples:
+  rsflow segment street.mp4 -o out --camera-motion static     a camera on a pole: sharper outlines
+  rsflow segment drone.mp4 -o out                             a camera that moves
+  rsflow segment clip.mp4 -o out --stop 100 --masks"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the command."""
+    parser.add_argument("source", metavar="SOURCE", help="what to read frames from")
+    parser.add_argument("-o", "--output", metavar="OUT", required=True, help="the folder to write to")
+    parser.add_argument(
+        "--camera-motion", choices=("moving", "static"), default="moving", help="whether the camera moves (moving)"
+    )
+    parser.add_argument("--preset", choices=("fast", "balanced", "accurate"), default="fast", help="of the flow (fast)")
+    parser.add_argument("--max-displacement", type=float, metavar="PX", help="the largest motion to expect")
+    parser.add_argument("--min-area", type=int, metavar="PX", help="leave out things of fewer pixels (1/10000)")
+    parser.add_argument("--masks", action="store_true", help="also write masks/000001.png and so on")
+    parser.add_argument("--start", type=int, metavar="N", help="first frame")
+    parser.add_argument("--stop", type=int, metavar="N", help="frame to stop before")
+    parser.add_argument("--stride", type=int, default=1, metavar="N", help="take every Nth frame (1)")
+    parser.add_argument("--json", action="store_true", help="print a line of JSON for each frame")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command: 0 done, 1 with fewer than two frames."""
+    import numpy as np
+
+    from rsflow._drawing import save_picture
+    from rsflow.camera.capture import frames
+    from rsflow.objects import ObjectTable
+    from rsflow.segmentation import MotionSegmenter
+    from rsflow.video import VideoWriter
+
+    out = Path(args.output)
+    segmenter = MotionSegmenter(
+        camera_motion=args.camera_motion,
+        preset=args.preset,
+        max_displacement=args.max_displacement,
+        min_area=args.min_area,
+    )
+    count, seen = 0, set()
+    with contextlib.ExitStack() as stack:
+        source = stack.enter_context(
+            frames(args.source, color=True, start=args.start, stop=args.stop, stride=args.stride)
+        )
+        rate = (source.frame_rate or 25.0) / args.stride
+        table = stack.enter_context(ObjectTable(out / "objects.csv"))
+        videos = [
+            stack.enter_context(VideoWriter(out / f"{name}.mp4", frame_rate=rate)) for name in ("moving", "static")
+        ]
+        try:
+            for frame in source:
+                result = segmenter.update(frame.image)
+                t_s = frame.t_s if math.isfinite(frame.t_s) else None
+                videos[0].write(result.moving_view(frame.color), t_s)
+                videos[1].write(result.static_view(frame.color), t_s)
+                table.write(frame.index, frame.t_s, result.objects)
+                if args.masks:
+                    save_picture(out / "masks" / f"{frame.index:06d}.png", result.moving.astype(np.uint8) * 255)
+                count += 1
+                seen |= {thing.id for thing in result.objects}
+                if args.json:
+                    print(
+                        json.dumps(
+                            {
+                                "frame": frame.index,
+                                "t_s": t_s,
+                                "status": result.status,
+                                "camera_model": result.camera_model,
+                                "moving_share": float(result.moving.mean()),
+                                "objects": [thing.id for thing in result.objects],
+                            }
+                        )
+                    )
+        except KeyboardInterrupt:
+            # What is finished is kept.
+            for video in videos:
+                video.finish()
+            raise
+    if count < 2:
+        print(f"rsflow segment: {args.source} has {count} frame(s): nothing to compare", file=sys.stderr)
+        return 1
+    if not args.json:
+        print(
+            f"{count} frames, {len(seen)} things that moved: {out / 'moving.mp4'}, {out / 'static.mp4'}, "
+            f"{out / 'objects.csv'}"
+        )
+    return 0

@@ -1,0 +1,112 @@
+"""The commands flow, segment and convert: what they write, say and refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import skimage.data
+
+import rsflow
+from rsflow.cli import main
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> tuple[str, str]:
+    ground = skimage.data.gravel()
+    paths = []
+    for k in range(2):
+        # The content moves by (-3, +2).
+        paths.append(str(tmp_path / f"picture{k}.png"))
+        cv2.imwrite(paths[-1], ground[100 - 2 * k : 220 - 2 * k, 100 + 3 * k : 260 + 3 * k])
+    return paths[0], paths[1]
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> str:
+    path = tmp_path / "clip.mp4"
+    ground = skimage.data.gravel()
+    with rsflow.VideoWriter(path, frame_rate=20) as video:
+        for k in range(8):
+            picture = ground[100:220, 100:260].copy()
+            picture[40:70, 20 + 5 * k : 60 + 5 * k] = skimage.data.grass()[100:130, 100:140]
+            video.write(picture)
+    return str(path)
+
+
+def test_flow_of_a_pair(tmp_path: Path, pair: tuple[str, str], capsys: pytest.CaptureFixture[str]) -> None:
+    flo, svg = tmp_path / "out" / "a.flo", tmp_path / "a.svg"
+    assert main(["flow", *pair, "-o", str(flo), "--picture", str(svg)]) == 0
+    assert "median motion (-3.00, +2.00) px" in capsys.readouterr().out
+    uv = rsflow.read_flow(flo)
+    assert np.nanmedian(uv, axis=(0, 1)) == pytest.approx([-3, 2], abs=0.05)
+    assert svg.read_text().startswith("<svg ")
+    for style in ("color", "overlay"):
+        picture = tmp_path / f"{style}.png"
+        assert main(["flow", *pair, "--picture", str(picture), "--style", style, "--json"]) == 0
+        said = json.loads(capsys.readouterr().out)
+        assert said["median_u_px"] == pytest.approx(-3, abs=0.05)
+        assert said["t0_s"] is None
+        assert cv2.imread(str(picture)).shape == (120, 160, 3)
+    assert main(["flow", *pair, "--picture", str(tmp_path / "b.svg"), "--style", "color"]) == 1
+    assert "an .svg has arrows" in capsys.readouterr().err
+
+
+def test_flow_of_a_clip(tmp_path: Path, clip: str, capsys: pytest.CaptureFixture[str]) -> None:
+    out, video = tmp_path / "flows", tmp_path / "arrows.mp4"
+    assert main(["flow", clip, "-o", str(out), "--format", "npz", "--picture", str(video)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 7
+    files = sorted(out.iterdir())
+    assert [f.name for f in files] == [f"flow_{k:06d}.npz" for k in range(1, 8)]
+    assert rsflow.io.read_flow_times(files[2]) == pytest.approx((0.1, 0.15), abs=1e-3)
+    capture = cv2.VideoCapture(str(video))
+    assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 7
+    assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(20, rel=0.01)
+    assert main(["flow", clip, "--stop", "1"]) == 1
+    assert "fewer than two frames" in capsys.readouterr().err
+
+
+def test_segment(tmp_path: Path, clip: str, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert main(["segment", clip, "-o", str(out), "--camera-motion", "static", "--masks", "--json"]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [line["frame"] for line in lines] == list(range(8))
+    assert lines[0]["status"] == "first_frame"
+    assert lines[-1]["objects"]
+    assert sorted(p.name for p in out.iterdir()) == ["masks", "moving.mp4", "objects.csv", "static.mp4"]
+    mask = cv2.imread(str(out / "masks" / "000005.png"), cv2.IMREAD_GRAYSCALE) > 0
+    truth = np.zeros_like(mask)
+    truth[40:70, 45:85] = True
+    assert np.count_nonzero(mask & truth) / np.count_nonzero(mask | truth) > 0.6
+    for name in ("moving", "static"):
+        assert cv2.VideoCapture(str(out / f"{name}.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 8
+    rows = (out / "objects.csv").read_text().splitlines()
+    assert rows[0].startswith("frame,t_s,id,age_frames,x_px,y_px,")
+    assert main(["segment", clip, "-o", str(out), "--stop", "1"]) == 1
+    assert "nothing to compare" in capsys.readouterr().err
+
+
+def test_convert(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    uv = np.random.default_rng(3).normal(0, 4, (20, 30, 2)).astype(np.float32)
+    uv[3, 4] = np.nan
+    first = tmp_path / "a.npz"
+    rsflow.write_flow(first, uv, t0_s=1.0, t1_s=1.5)
+    for suffix in ("flo", "pfm", "npy", "npz"):
+        assert main(["convert", str(first), str(tmp_path / f"b.{suffix}")]) == 0
+        np.testing.assert_array_equal(rsflow.read_flow(tmp_path / f"b.{suffix}"), uv)
+    assert rsflow.io.read_flow_times(tmp_path / "b.npz") == (1.0, 1.5)
+    for suffix in ("png", "jpg", "svg"):
+        assert main(["convert", str(first), str(tmp_path / f"b.{suffix}")]) == 0
+    camera = rsflow.Camera(600, 601, 319.5, 239.5, width=640, height=480)
+    camera.save(tmp_path / "cam.json")
+    assert main(["convert", str(tmp_path / "cam.json"), str(tmp_path / "cam.yml")]) == 0
+    assert rsflow.Camera.load(tmp_path / "cam.yml").fy == pytest.approx(601)
+    assert main(["convert", str(first), str(tmp_path / "b.txt")]) == 1
+    assert "is a flow file: expected .flo" in capsys.readouterr().err
+    assert main(["convert", str(tmp_path / "cam.json"), str(tmp_path / "b.flo")]) == 1
+    assert "is a camera file: expected .json" in capsys.readouterr().err
+    assert main(["convert", str(tmp_path / "none.flo"), str(tmp_path / "b.npy")]) == 1
+    assert "none.flo" in capsys.readouterr().err
