@@ -25,6 +25,19 @@ def detect_corners(
     block_size: int,
     harris: float | None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
+def track_bouguet(
+    prev: object,
+    next: object,
+    points: NDArray[np.float32],
+    initial: NDArray[np.float32] | None,
+    window: tuple[int, int],
+    max_level: int,
+    iterations: int,
+    epsilon: float,
+    min_eigenvalue: float,
+    eigenvalue_as_error: bool,
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.float32]]: ...
+def gaussian_pyramid(frame: object, levels: int) -> list[NDArray[np.float32]]: ...
 def point_statuses() -> list[tuple[str, int]]: ...
 
 class PointTracker:

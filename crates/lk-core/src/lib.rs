@@ -33,6 +33,6 @@ pub use pyramid::Pyramid;
 pub use shift::{Roi, Shift, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::Level;
 pub use track::{
-    PointStatus, PointTracker, StreamPoint, TrackOptions, TrackedPoint, track_points,
-    track_pyramids,
+    BouguetOptions, BouguetPoint, PointStatus, PointTracker, StreamPoint, TrackOptions,
+    TrackedPoint, track_bouguet, track_points, track_pyramids,
 };

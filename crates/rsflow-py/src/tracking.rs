@@ -1,8 +1,8 @@
 //! Points: tracking between two frames, through a sequence, and corners to start from.
 
 use lk_core::{
-    CornerOptions, Execution, Illumination, PointStatus, PointTracker, StreamPoint, TrackOptions,
-    TrackedPoint,
+    BouguetOptions, CornerOptions, Execution, Illumination, PointStatus, PointTracker, StreamPoint,
+    TrackOptions, TrackedPoint,
 };
 use numpy::ndarray::{Array1, Array2, Array3};
 use numpy::{IntoPyArray, PyReadonlyArray2, PyUntypedArray, PyUntypedArrayMethods};
@@ -21,6 +21,8 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(track_points, module)?)?;
     module.add_function(wrap_pyfunction!(detect_corners, module)?)?;
     module.add_function(wrap_pyfunction!(point_statuses, module)?)?;
+    module.add_function(wrap_pyfunction!(track_bouguet, module)?)?;
+    module.add_function(wrap_pyfunction!(gaussian_pyramid, module)?)?;
     module.add_class::<PyPointTracker>()
 }
 
@@ -185,6 +187,90 @@ fn track_points<'py>(
         ))
     })?;
     to_dict(py, tracks.len(), tracks.into_iter())
+}
+
+/// Positions (N, 2), found (N,) and errors (N,) after `cv2.calcOpticalFlowPyrLK`.
+#[pyfunction]
+#[pyo3(signature = (prev, next, points, initial, window, max_level, iterations, epsilon, min_eigenvalue, eigenvalue_as_error))]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "the arguments of OpenCV's function"
+)]
+#[allow(clippy::type_complexity, reason = "three arrays")]
+fn track_bouguet<'py>(
+    py: Python<'py>,
+    prev: &Bound<'py, PyAny>,
+    next: &Bound<'py, PyAny>,
+    points: &Bound<'py, PyAny>,
+    initial: Option<&Bound<'py, PyAny>>,
+    window: (usize, usize),
+    max_level: usize,
+    iterations: usize,
+    epsilon: f64,
+    min_eigenvalue: f64,
+    eigenvalue_as_error: bool,
+) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+    let prev = AnyFrame::new("prevImg", prev)?;
+    let next = AnyFrame::new("nextImg", next)?;
+    let views = pair(&prev, &next)?;
+    let (height, width) = prev.dim();
+    let points = points_of("prevPts", points)?;
+    let initial = initial
+        .map(|initial| points_of("nextPts", initial))
+        .transpose()?;
+    let options = BouguetOptions::default()
+        .window_size(window.0, window.1)
+        .max_level(max_level)
+        .criteria(iterations, epsilon)
+        .min_eigenvalue(min_eigenvalue)
+        .eigenvalue_as_error(eigenvalue_as_error);
+    let pixels = (2 * height * width).saturating_add(points.len() * PIXELS_A_POINT);
+    let tracks = interrupt::run(py, pixels, |execution: &Execution| {
+        let options = options.execution(execution.clone());
+        with_pair!(views, |prev, next| lk_core::track_bouguet(
+            prev,
+            next,
+            &points,
+            initial.as_deref(),
+            &options
+        ))
+    })?;
+    let positions =
+        Array2::from_shape_fn((tracks.len(), 2), |(row, axis)| tracks[row].position[axis]);
+    let found: Array1<u8> = tracks.iter().map(|track| u8::from(track.found)).collect();
+    let errors: Array1<f32> = tracks.iter().map(|track| track.error).collect();
+    Ok((
+        positions.into_pyarray(py).into_any(),
+        found.into_pyarray(py).into_any(),
+        errors.into_pyarray(py).into_any(),
+    ))
+}
+
+/// The levels of a frame's Gaussian pyramid as float32 arrays, the finest first.
+#[pyfunction]
+fn gaussian_pyramid<'py>(
+    py: Python<'py>,
+    frame: &Bound<'py, PyAny>,
+    levels: usize,
+) -> PyResult<Vec<Bound<'py, PyAny>>> {
+    let frame = AnyFrame::new("img", frame)?;
+    let (height, width) = frame.dim();
+    let view = frame.view();
+    let pyramid = interrupt::run(py, height * width, |execution: &Execution| {
+        with_view!(view, |frame| lk_core::Pyramid::new(
+            frame, levels, execution
+        ))
+    })?;
+    Ok(pyramid
+        .levels()
+        .iter()
+        .map(|plane| {
+            let shape = (plane.height(), plane.width());
+            Array2::from_shape_fn(shape, |(y, x)| plane.row(y)[x])
+                .into_pyarray(py)
+                .into_any()
+        })
+        .collect())
 }
 
 /// Positions (N, 2) and responses (N,) of the corners of a frame, the best first.

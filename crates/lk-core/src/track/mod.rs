@@ -5,6 +5,7 @@
 //! is taken out of the template's gradients once, after G. Hager and P. Belhumeur, "Efficient region tracking with
 //! parametric models of geometry and illumination", PAMI 1998.
 
+mod bouguet;
 mod normal;
 mod options;
 mod patch;
@@ -17,6 +18,7 @@ mod tests;
 
 use ndarray::ArrayView2;
 
+pub use bouguet::{BouguetOptions, BouguetPoint, track_bouguet};
 pub use options::{PointStatus, TrackOptions, TrackedPoint};
 pub use stream::{PointTracker, StreamPoint};
 

@@ -25,6 +25,8 @@ const MAX_REGION: usize = MAX_SAMPLED + SPLINE_TAPS;
 /// How grey levels between pixels are had.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sampling {
+    /// Linearly, the template too, with Scharr's gradients: as Bouguet's and OpenCV's trackers have it.
+    Bouguet,
     /// Linearly, and the template at whole pixels: cheap, but it blurs more the further the offset is from a pixel.
     Linear,
     /// By the cubic B-spline without its prefilter: it smooths alike at every offset, so that the offset leaves no
@@ -284,11 +286,33 @@ impl EightKernel for BuildTemplate<'_> {
             let place = (x as isize - 1, y as isize - 1);
             let region = region(self.prev, place, columns, rows, self.scratch);
             let cells = &mut template.cells;
-            (template.level, template.sums) = differentiate::<L>(region, window, cells);
+            (template.level, template.sums) = differentiate::<L, false>(region, window, cells);
             return [x + half[0], y + half[1]];
         }
         let (x, fx) = split(corner[0] - 1.0);
         let (y, fy) = split(corner[1] - 1.0);
+        let blocks = columns.div_ceil(EIGHT);
+        if sampling == Sampling::Bouguet {
+            let source = region(self.prev, (x, y), columns + 1, rows + 1, self.scratch);
+            let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
+            for block in 0..blocks {
+                let at = block * EIGHT;
+                let mut above = linear(source.reach(0, at), &wx);
+                for row in 0..rows {
+                    let below = linear(source.reach(row + 1, at), &wx);
+                    let value = above * wy[0] + below * wy[1];
+                    above = below;
+                    value.store(&mut template.samples, row * blocks * EIGHT + at);
+                }
+            }
+            let region = Region {
+                data: &template.samples,
+                stride: blocks * EIGHT,
+            };
+            let cells = &mut template.cells;
+            (template.level, template.sums) = differentiate::<L, true>(region, window, cells);
+            return self.centre;
+        }
         let source = region(
             self.prev,
             (x - SPLINE_BEFORE, y - SPLINE_BEFORE),
@@ -296,7 +320,6 @@ impl EightKernel for BuildTemplate<'_> {
             rows + SPLINE_TAPS - 1,
             self.scratch,
         );
-        let blocks = columns.div_ceil(EIGHT);
         let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
         for block in 0..blocks {
             let mut column = Spline::new(source, block * EIGHT, &wx);
@@ -311,7 +334,8 @@ impl EightKernel for BuildTemplate<'_> {
             data: &template.samples,
             stride: blocks * EIGHT,
         };
-        (template.level, template.sums) = differentiate::<L>(region, window, &mut template.cells);
+        (template.level, template.sums) =
+            differentiate::<L, false>(region, window, &mut template.cells);
         self.centre
     }
 }
@@ -360,7 +384,7 @@ impl<'a, L: Eight> Spline<'a, L> {
 /// Central differences of the samples, not the derivative of the spline: the noise of a pixel is then uncorrelated
 /// with the noise of the gradient there, at every sub-pixel offset, and cannot pull the solution.
 #[inline(always)]
-fn differentiate<L: Eight>(
+fn differentiate<L: Eight, const SCHARR: bool>(
     region: Region<'_>,
     window: Window,
     cells: &mut [Cell],
@@ -383,8 +407,24 @@ fn differentiate<L: Eight>(
             let sides: &[f32; EIGHT + 2] = region.reach(row + 1, at);
             let below = L::load(region.reach::<EIGHT>(row + 2, at + 1), 0);
             let a = (here - base).keep(mask);
-            let gx = ((L::load(sides, 2) - L::load(sides, 0)) * half).keep(mask);
-            let gy = ((below - above) * half).keep(mask);
+            let mut gx = (L::load(sides, 2) - L::load(sides, 0)) * half;
+            let mut gy = (below - above) * half;
+            if SCHARR {
+                let up: &[f32; EIGHT + 2] = region.reach(row, at);
+                let down: &[f32; EIGHT + 2] = region.reach(row + 2, at);
+                let (outer, inner) = (L::splat(3.0 / 32.0), L::splat(10.0 / 16.0));
+                let [left, right] = [
+                    L::load(down, 0) - L::load(up, 0),
+                    L::load(down, 2) - L::load(up, 2),
+                ];
+                gy = gy * inner + (left + right) * outer;
+                let [top, bottom] = [
+                    L::load(up, 2) - L::load(up, 0),
+                    L::load(down, 2) - L::load(down, 0),
+                ];
+                gx = gx * inner + (top + bottom) * outer;
+            }
+            let (gx, gy) = (gx.keep(mask), gy.keep(mask));
             *cell = Cell {
                 prev: here.pack(),
                 gradient: [gx.pack(), gy.pack()],
@@ -443,7 +483,7 @@ impl EightKernel for Compare<'_> {
         let (y, fy) = split(self.centre[1] - half[1]);
         let (blocks, height) = (window.blocks(), window.height);
         let mut sums = DifferenceSums::<L>::new(template.level);
-        if template.sampling == Sampling::Linear {
+        if template.sampling != Sampling::Spline {
             let region = region(
                 self.next,
                 (x, y),
@@ -451,10 +491,7 @@ impl EightKernel for Compare<'_> {
                 height + 1,
                 self.scratch,
             );
-            let (wx, wy) = (
-                [L::splat(1.0 - fx), L::splat(fx)],
-                [L::splat(1.0 - fy), L::splat(fy)],
-            );
+            let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
             for block in 0..blocks {
                 let at = block * EIGHT;
                 let mask = L::unpack(&Packed::first(window.width - at));
@@ -497,6 +534,52 @@ impl EightKernel for Compare<'_> {
         }
         sums.finish()
     }
+}
+
+/// The sum of the absolute differences of a [`Template`] and `next` around `centre`.
+pub(crate) struct AbsoluteDifference<'a>(pub(crate) Compare<'a>);
+
+impl EightKernel for AbsoluteDifference<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<L: Eight>(self) -> f64 {
+        let Compare {
+            template,
+            next,
+            centre,
+            scratch,
+        } = self.0;
+        let window = template.window;
+        let half = window.half();
+        let (x, fx) = split(centre[0] - half[0]);
+        let (y, fy) = split(centre[1] - half[1]);
+        let (columns, rows) = (window.width + 1, window.height + 1);
+        let region = region(next, (x, y), columns, rows, scratch);
+        let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
+        // All bits but the sign's.
+        let magnitude = L::splat(f32::from_bits(0x7fff_ffff));
+        let mut sum = L::zero();
+        for block in 0..window.blocks() {
+            let at = block * EIGHT;
+            let mask = L::unpack(&Packed::first(window.width - at));
+            let cells = &template.cells[block * window.height..][..window.height];
+            let mut above = linear(region.reach(0, at), &wx);
+            for (row, cell) in cells.iter().enumerate() {
+                let below = linear(region.reach(row + 1, at), &wx);
+                let value = above * wy[0] + below * wy[1];
+                above = below;
+                sum += (value - L::unpack(&cell.prev)).keep(mask).keep(magnitude);
+            }
+        }
+        sum.sum()
+    }
+}
+
+/// The weights of the two pixels around a position `f` after the first.
+#[inline(always)]
+fn pair<L: Eight>(f: f32) -> [L; 2] {
+    [L::splat(1.0 - f), L::splat(f)]
 }
 
 /// One row of linear interpolation along x.

@@ -1,0 +1,305 @@
+"""OpenCV's point functions by their own names, parameters, shapes, defaults and errors.
+
+A program that calls ``cv2.calcOpticalFlowPyrLK``, ``cv2.buildOpticalFlowPyramid`` or ``cv2.goodFeaturesToTrack`` runs
+unchanged with its import changed::
+
+    from rsflow.interop.opencv import calcOpticalFlowPyrLK, goodFeaturesToTrack
+
+These answer as OpenCV does, its blind spots included: a status of 1 only says that a point ended inside of the frame.
+`rsflow.track_points` is what tells whether it went the right way, in any light.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rsflow import _core
+from rsflow.errors import DTypeError, OptionError, ShapeError
+
+__all__ = [
+    "OPTFLOW_LK_GET_MIN_EIGENVALS",
+    "OPTFLOW_USE_INITIAL_FLOW",
+    "buildOpticalFlowPyramid",
+    "calcOpticalFlowPyrLK",
+    "goodFeaturesToTrack",
+]
+
+OPTFLOW_USE_INITIAL_FLOW = 4
+OPTFLOW_LK_GET_MIN_EIGENVALS = 8
+
+# cv2.TERM_CRITERIA_COUNT and cv2.TERM_CRITERIA_EPS, and what OpenCV takes where one of them is missing.
+_COUNT, _EPS = 1, 2
+_DEFAULT_COUNT, _DEFAULT_EPS = 30, 0.01
+
+Criteria = tuple[int, int, float]
+
+
+def calcOpticalFlowPyrLK(
+    prevImg: Any,
+    nextImg: Any,
+    prevPts: Any,
+    nextPts: Any,
+    status: Any = None,
+    err: Any = None,
+    winSize: tuple[int, int] = (21, 21),
+    maxLevel: int = 3,
+    criteria: Criteria = (_COUNT | _EPS, _DEFAULT_COUNT, _DEFAULT_EPS),
+    flags: int = 0,
+    minEigThreshold: float = 1e-4,
+) -> tuple[NDArray[np.float32] | None, NDArray[np.uint8] | None, NDArray[np.float32] | None]:
+    """Track points as ``cv2.calcOpticalFlowPyrLK`` does.
+
+    Parameters
+    ----------
+    prevImg, nextImg : ndarray of uint8, shape (height, width), or pyramids of `buildOpticalFlowPyramid`
+        Grey frames; uint16 and float32 are taken too. Colour is not.
+    prevPts : ndarray of float32, shape (N, 1, 2), (1, N, 2) or (N, 2)
+        Positions in `prevImg` in pixels.
+    nextPts : ndarray of float32 or None
+        First guesses, and the output, if `flags` has `OPTFLOW_USE_INITIAL_FLOW`; written to where the size fits.
+    status, err : ndarray or None
+        Outputs, written to where the size fits.
+    winSize : (int, int)
+        Width and height of the window, 3 to 63 pixels.
+    maxLevel : int
+        Index of the coarsest level.
+    criteria : (type, count, epsilon)
+        When to stop, with ``cv2.TERM_CRITERIA_COUNT`` and ``cv2.TERM_CRITERIA_EPS``.
+    flags : int
+        `OPTFLOW_USE_INITIAL_FLOW` | `OPTFLOW_LK_GET_MIN_EIGENVALS`.
+    minEigThreshold : float
+        The least eigenvalue of a window.
+
+    Returns
+    -------
+    nextPts : ndarray of float32, of the shape of `prevPts`
+        Positions in `nextImg`.
+    status : ndarray of uint8, shape (N, 1)
+        1 where the point was found.
+    err : ndarray of float32, shape (N, 1)
+        Mean absolute difference of the windows in grey levels, or the eigenvalue.
+
+    Raises
+    ------
+    ShapeError, DTypeError, OptionError
+        Where OpenCV raises ``cv2.error``: all of them derive from `rsflow.RsflowError`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rsflow.interop.opencv import calcOpticalFlowPyrLK
+    >>> y, x = np.mgrid[0:80, 0:100]
+    >>> prev, next = ((120 + 60 * np.sin((x - u) / 4) * np.cos(y / 5)).astype(np.uint8) for u in (0, 1))
+    >>> moved, status, err = calcOpticalFlowPyrLK(prev, next, np.float32([[[50, 40]]]), None)
+    >>> np.round(moved, 1), status
+    (array([[[51., 40.]]], dtype=float32), array([[1]], dtype=uint8))
+    """
+    points = _points("prevPts", prevPts)
+    if points.size == 0:
+        return None, None, None
+    initial = None
+    if flags & OPTFLOW_USE_INITIAL_FLOW:
+        if nextPts is None:
+            raise ShapeError("nextPts: got None, expected first guesses, as OPTFLOW_USE_INITIAL_FLOW says")
+        initial = _points("nextPts", nextPts)
+    width, height = (int(side) for side in winSize)
+    if maxLevel < 0:
+        raise OptionError(f"maxLevel: got {maxLevel}, expected 0 or more")
+    if width <= 2 or height <= 2:
+        raise OptionError(f"winSize: got {tuple(winSize)}, expected more than 2 pixels a side")
+    kind, count, epsilon = criteria
+    # The bounds are OpenCV's.
+    count = min(max(int(count), 0), 100) if kind & _COUNT else _DEFAULT_COUNT
+    epsilon = min(max(float(epsilon), 0.0), 10.0) if kind & _EPS else _DEFAULT_EPS
+    moved, found, error = _core.track_bouguet(
+        _image(prevImg),
+        _image(nextImg),
+        points,
+        initial,
+        (width, height),
+        int(maxLevel),
+        count,
+        epsilon,
+        float(minEigThreshold),
+        bool(flags & OPTFLOW_LK_GET_MIN_EIGENVALS),
+    )
+    shape = np.shape(prevPts)
+    return (
+        _output(nextPts, moved.reshape(shape)),
+        _output(status, found[:, None]),
+        _output(err, error[:, None]),
+    )
+
+
+def buildOpticalFlowPyramid(
+    img: NDArray[Any],
+    winSize: tuple[int, int],
+    maxLevel: int,
+    pyramid: Any = None,
+    withDerivatives: bool = True,
+    pyrBorder: int = 4,
+    derivBorder: int = 0,
+    tryReuseInputImage: bool = True,
+) -> tuple[int, list[NDArray[Any]]]:
+    """Build a pyramid that `calcOpticalFlowPyrLK` takes in place of an image.
+
+    Parameters
+    ----------
+    img : ndarray of uint8, shape (height, width)
+        Grey frame.
+    winSize : (int, int)
+        Window of the tracker: no level is smaller.
+    maxLevel : int
+        Index of the coarsest level.
+    pyramid, pyrBorder, derivBorder, tryReuseInputImage
+        Taken and not needed: borders are made when a window reaches over one.
+    withDerivatives : bool
+        Whether Scharr's derivatives follow each level.
+
+    Returns
+    -------
+    maxLevel : int
+        Index of the coarsest level that was built.
+    pyramid : list of ndarray
+        Levels, uint8, each followed by its derivatives, int16 (height, width, 2), if `withDerivatives`.
+
+    Raises
+    ------
+    ShapeError, DTypeError, OptionError
+        If an argument does not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rsflow.interop.opencv import buildOpticalFlowPyramid
+    >>> level, pyramid = buildOpticalFlowPyramid(np.zeros((80, 100), np.uint8), (21, 21), 3, withDerivatives=False)
+    >>> level, [picture.shape for picture in pyramid]
+    (1, [(80, 100), (40, 50)])
+    """
+    if not isinstance(img, np.ndarray) or img.dtype != np.uint8:
+        raise DTypeError(f"img: got {getattr(img, 'dtype', type(img).__name__)}, expected uint8")
+    if maxLevel < 0:
+        raise OptionError(f"maxLevel: got {maxLevel}, expected 0 or more")
+    width, height = winSize
+    levels: list[NDArray[Any]] = []
+    count = 0
+    picture = img
+    while True:
+        levels.append(picture)
+        if withDerivatives:
+            levels.append(_scharr(picture))
+        size = tuple((side + 1) // 2 for side in picture.shape)
+        if count == maxLevel or size[1] <= width or size[0] <= height:
+            return count, levels
+        # OpenCV rounds each level to whole grey levels before it builds the next one.
+        picture = np.floor(_core.gaussian_pyramid(picture, 2)[1] + 0.5).astype(np.uint8)
+        count += 1
+
+
+def goodFeaturesToTrack(
+    image: NDArray[Any],
+    maxCorners: int,
+    qualityLevel: float,
+    minDistance: float,
+    corners: Any = None,
+    mask: NDArray[np.uint8] | None = None,
+    blockSize: int = 3,
+    useHarrisDetector: bool = False,
+    k: float = 0.04,
+) -> NDArray[np.float32] | None:
+    """Find corners as ``cv2.goodFeaturesToTrack`` does, with a gradient over 3 x 3 pixels.
+
+    Parameters
+    ----------
+    image : ndarray of uint8 or float32, shape (height, width)
+        Grey frame; uint16 is taken too.
+    maxCorners : int
+        The most corners to return; 0 or less means all.
+    qualityLevel : float
+        The least response, as a share of the best one's.
+    minDistance : float
+        The least distance between corners, in pixels.
+    corners : None
+        Taken and not needed.
+    mask : ndarray of uint8, shape (height, width), optional
+        Not 0 where to look.
+    blockSize : int
+        Side of the window of the structure tensor.
+    useHarrisDetector : bool
+        Harris and Stephens' response in place of the smaller eigenvalue.
+    k : float
+        Its parameter.
+
+    Returns
+    -------
+    ndarray of float32, shape (N, 1, 2), or None
+        Positions, the best first; None if there are none.
+
+    Raises
+    ------
+    ShapeError, DTypeError, OptionError
+        Where OpenCV raises ``cv2.error``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rsflow.interop.opencv import goodFeaturesToTrack
+    >>> frame = np.zeros((60, 80), np.uint8)
+    >>> frame[20:40, 30:50] = 200
+    >>> goodFeaturesToTrack(frame, 10, 0.1, 5).shape
+    (4, 1, 2)
+    """
+    if mask is not None and np.asarray(mask).size:
+        where = np.asarray(mask)
+        if where.dtype not in (np.uint8, np.bool_, np.int8):
+            raise DTypeError(f"mask: got dtype {where.dtype}, expected uint8")
+        where = where != 0
+    else:
+        where = None
+    harris = float(k) if useHarrisDetector else None
+    found, _ = _core.detect_corners(
+        image, where, max(int(maxCorners), 0), float(qualityLevel), float(minDistance), int(blockSize), harris
+    )
+    return found[:, None] if len(found) else None
+
+
+def _points(name: str, value: Any) -> NDArray[np.float32]:
+    """`value` as (N, 2), whatever of OpenCV's shapes it has."""
+    if not isinstance(value, np.ndarray):
+        raise DTypeError(f"{name}: got {type(value).__name__}, expected a numpy array of float32")
+    if value.dtype != np.float32:
+        raise DTypeError(f"{name}: got dtype {value.dtype}, expected float32")
+    fits = value.size == 0 or (value.ndim in (2, 3) and value.shape[-1] == 2)
+    if fits and value.ndim == 3 and value.size:
+        fits = 1 in value.shape[:2]
+    if not fits:
+        raise ShapeError(f"{name}: got shape {value.shape}, expected (N, 1, 2), (1, N, 2) or (N, 2)")
+    return np.ascontiguousarray(value.reshape(-1, 2))
+
+
+def _image(value: Any) -> Any:
+    """Take the finest level of a pyramid, or the image itself."""
+    return value[0] if isinstance(value, (list, tuple)) and len(value) else value
+
+
+def _output(given: Any, computed: NDArray[Any]) -> NDArray[Any]:
+    """Write to the caller's array where it fits, as OpenCV does."""
+    fits = isinstance(given, np.ndarray) and given.dtype == computed.dtype and given.shape == computed.shape
+    if fits and given.flags.writeable:
+        given[...] = computed
+        return np.asarray(given)
+    return computed
+
+
+def _scharr(picture: NDArray[np.uint8]) -> NDArray[np.int16]:
+    """Scharr's derivatives, int16 (height, width, 2), the border mirrored."""
+    padded = np.pad(picture.astype(np.int16), 1, mode="reflect" if min(picture.shape) > 1 else "edge")
+    top, middle, bottom = padded[:-2], padded[1:-1], padded[2:]
+    smooth = 3 * (top + bottom) + 10 * middle
+    slope = bottom - top
+    across = smooth[:, 2:] - smooth[:, :-2]
+    down = 3 * (slope[:, 2:] + slope[:, :-2]) + 10 * slope[:, 1:-1]
+    return np.stack([across, down], axis=2)
