@@ -116,10 +116,14 @@ class Background:
         picture: F32 = warped(self._picture, self._to_current, missing=np.nan)
         return picture
 
+    @property
+    def kept(self) -> int:
+        """Number of frames kept."""
+        return len(self._kept)
+
     def amend_first(self, moving: Mask) -> None:
         """Say what moved in the only frame kept so far, which nothing was known of when it was added."""
-        if len(self._kept) == 1:
-            self._kept[0].moving |= moving
+        self._kept[0].moving |= moving
 
     def add(self, image: F32, moving: Mask) -> None:
         """Offer the current frame with what moves in it; it is kept when it is time for one."""

@@ -27,6 +27,7 @@ class Reduction:
 
     @classmethod
     def of(cls, shape: tuple[int, ...]) -> Reduction:
+        """Choose the factor for a frame of this shape: a power of two."""
         factor = 1
         while shape[0] * shape[1] > _MOST_PIXELS * factor**2:
             factor *= 2
@@ -38,6 +39,7 @@ class Reduction:
         return max(self.full[1] // self.factor, 1), max(self.full[0] // self.factor, 1)
 
     def image(self, image: F32) -> F32:
+        """Reduce an image by averaging."""
         import cv2
 
         if self.factor == 1:
@@ -46,15 +48,20 @@ class Reduction:
         return out
 
     def all(self, mask: Mask) -> Mask:
+        """Reduce a mask: where it holds for every pixel."""
         return self.image(mask.astype(np.float32)) > 0.999
 
     def any(self, mask: Mask) -> Mask:
+        """Reduce a mask: where it holds for some pixel."""
         return self.image(mask.astype(np.float32)) > 0.001
 
     def motion(self, uv: F32, valid: Mask) -> F32:
-        return self.image(np.where(valid[..., None], uv, np.float32(0))) / np.float32(self.factor)
+        """Reduce a motion, in reduced pixels then; zero where it is not valid."""
+        known = uv if valid.all() else np.where(valid[..., None], uv, np.float32(0))
+        return self.image(known) / np.float32(self.factor)
 
     def homography(self, full: F64) -> F64:
+        """Bring a homography of full frames to reduced pixels."""
         if self.factor == 1:
             return full
         # Pixel centres: X = (x + 0.5) k - 0.5.
@@ -64,6 +71,7 @@ class Reduction:
         return out
 
     def enlarged(self, mask: Mask) -> Mask:
+        """Enlarge a mask, its outline smoothed."""
         import cv2
 
         if self.factor == 1:
@@ -72,10 +80,20 @@ class Reduction:
         out: Mask = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) > 0.5
         return out
 
-    def enlarged_motion(self, motion: F32) -> F32:
+    def enlarged_image(self, image: F32) -> F32:
+        """Enlarge an image; what lies beside a NaN becomes NaN."""
         import cv2
 
         if self.factor == 1:
-            return motion
-        out: F32 = cv2.resize(motion, (self.full[1], self.full[0]), interpolation=cv2.INTER_LINEAR)
-        return out * np.float32(self.factor)
+            return image
+        out: F32 = cv2.resize(image, (self.full[1], self.full[0]), interpolation=cv2.INTER_LINEAR)
+        return out
+
+    def enlarged_motion(self, motion: F32, where: Mask) -> F32:
+        """Enlarge a motion, in the full frame's pixels, at the pixels of a mask; NaN elsewhere."""
+        out = np.full((*self.full, 2), np.nan, np.float32)
+        rows, columns = np.nonzero(where)
+        limit = (motion.shape[0] - 1, motion.shape[1] - 1)
+        near = (np.minimum(rows // self.factor, limit[0]), np.minimum(columns // self.factor, limit[1]))
+        out[rows, columns] = motion[near] * np.float32(self.factor)
+        return out

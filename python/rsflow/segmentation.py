@@ -304,9 +304,9 @@ class MotionSegmenter:
         assert self._moving is not None
         assert self._tracker is not None
         uv = np.asarray(flow.uv, np.float32)
-        given: Mask = np.isfinite(uv[..., 0]) & np.isfinite(uv[..., 1])
         if uv.shape != (*current.shape, 2):
             raise ShapeError(f"the flow is {uv.shape} and the frame is {current.shape}")
+        given: Mask = np.isfinite(uv[..., 0] + uv[..., 1])
         trusted = given & np.asarray(flow.valid, bool)
         camera = self._camera(uv, trusted)
         homography = camera.homography
@@ -344,13 +344,15 @@ class MotionSegmenter:
         mask = self._outlined(work, found, kept, small) if self.static_camera else found.moving
         size = max(3, round(min(mask.shape) / 80)) | 1
         mask = small.enlarged(evidence.cleaned(mask, size, max(1, self._tracker.min_area // small.factor**2)))
-        shown = small.enlarged_motion(np.where(known[..., None], residual, np.nan))
-        objects = self._tracker.update(mask, np.where(trusted[..., None], shown, np.nan), homography)
+        residual[~known] = np.nan
+        objects = self._tracker.update(mask, small.enlarged_motion(residual, mask & trusted), homography)
         self._moving = self._tracker.labels > 0
         away = _dilated(self._moving, size)
-        self._background.amend_first(evidence.carried_back(away, uv, given))
+        if self._background.kept == 1:
+            self._background.amend_first(evidence.carried_back(away, uv, given))
         self._background.add(current, away)
-        return self._result(image, current, shown, homography, camera.model, objects, "ok")
+        length = small.enlarged_image(np.hypot(residual[..., 0], residual[..., 1]) * np.float32(small.factor))
+        return self._result(image, current, length, homography, camera.model, objects, "ok")
 
     def _camera(self, uv: F32, valid: Mask) -> _camera_motion.CameraMotion:
         step = _VECTOR_STEP if min(valid.shape) >= 8 * _VECTOR_STEP else max(1, min(valid.shape) // 8)
@@ -418,13 +420,10 @@ class MotionSegmenter:
         background = self._background.picture(current.shape)
         gain, offset = fit_light(background, current, ~moving)
         background = background * np.float32(gain) + np.float32(offset)
-        length = np.full(moving.shape, np.nan, np.float32)
-        if residual is not None:
-            length = np.hypot(residual[..., 0], residual[..., 1])
         return MotionSegmentation(
             image=image,
             moving=moving,
-            residual=length,
+            residual=np.full(moving.shape, np.nan, np.float32) if residual is None else residual,
             camera_motion=homography.copy(),
             camera_model=model,
             objects=objects,
