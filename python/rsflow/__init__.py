@@ -25,9 +25,11 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
+    from .batch import extract_many
     from .camera.calibration import Calibration, calibrate
     from .camera.capture import Frame, Frames, frames
     from .camera.model import Camera
+    from .extraction import Extraction, ExtractionInterrupted, PartialExtractionError, extract
     from .flow import DenseFlow, FlowField, dense_flow
     from .io import read_flow, write_flow
     from .plotting import QuiverStyle, flow_to_color, quiver
@@ -42,11 +44,14 @@ _LAZY: dict[str, str] = {
     "Calibration": ".camera.calibration",
     "Camera": ".camera.model",
     "DenseFlow": ".flow",
+    "Extraction": ".extraction",
+    "ExtractionInterrupted": ".extraction",
     "FlowField": ".flow",
     "Frame": ".camera.capture",
     "Frames": ".camera.capture",
     "MotionSegmentation": ".segmentation",
     "MotionSegmenter": ".segmentation",
+    "PartialExtractionError": ".extraction",
     "PointStatus": ".tracking",
     "PointTracker": ".tracking",
     "QuiverStyle": ".plotting",
@@ -61,6 +66,8 @@ _LAZY: dict[str, str] = {
     "dense_flow": ".flow",
     "detect_corners": ".tracking",
     "estimate_shift": ".shift",
+    "extract": ".extraction",
+    "extract_many": ".batch",
     "flow_to_color": ".plotting",
     "frames": ".camera.capture",
     "quiver": ".plotting",
@@ -70,7 +77,7 @@ _LAZY: dict[str, str] = {
 }
 
 # Submodules that are reached as attributes of the package.
-_SUBMODULES = ("camera", "interop", "io", "objects", "plotting", "synthetic", "video")
+_SUBMODULES = ("batch", "camera", "extraction", "interop", "io", "live", "objects", "plotting", "synthetic", "video")
 
 __all__ = [
     "Calibration",
@@ -79,6 +86,8 @@ __all__ = [
     "CaptureError",
     "DTypeError",
     "DenseFlow",
+    "Extraction",
+    "ExtractionInterrupted",
     "FlowField",
     "FormatError",
     "Frame",
@@ -87,6 +96,7 @@ __all__ = [
     "MotionSegmentation",
     "MotionSegmenter",
     "OptionError",
+    "PartialExtractionError",
     "PointStatus",
     "PointTracker",
     "QuiverStyle",
@@ -105,6 +115,8 @@ __all__ = [
     "dense_flow",
     "detect_corners",
     "estimate_shift",
+    "extract",
+    "extract_many",
     "flow_to_color",
     "frames",
     "get_num_threads",

@@ -143,6 +143,11 @@ class Frames(Iterator[Frame]):
         return (self._roi[2], self._roi[3]) if self._roi is not None else self._reader.size
 
     @property
+    def source_size(self) -> tuple[int, int] | None:
+        """Width and height of the whole pictures, before the region of interest."""
+        return self._reader.size
+
+    @property
     def count(self) -> int | None:
         """How many frames are to be expected; None where the source does not say."""
         total = self._reader.count

@@ -16,9 +16,14 @@ from typing import NoReturn
 
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)` and `run(args) -> int`, one line of help).
 COMMANDS: dict[str, tuple[str, str]] = {
+    "batch": ("rsflow.cli.batch", "extract from many sources at once, on a pool of processes"),
     "calibrate": ("rsflow.cli.calibrate", "a camera file from pictures of a chessboard or ChArUco board"),
     "convert": ("rsflow.cli.convert", "flow files and camera files from one format to another"),
+    "demo": ("rsflow.cli.demo", "no input needed: make a flight, extract its motion, compare with the truth"),
+    "doctor": ("rsflow.cli.doctor", "versions, processor, OpenCV wheels, extras, and a self-test with times"),
+    "extract": ("rsflow.cli.extract", "the main job: tables, videos and a report page from one source"),
     "flow": ("rsflow.cli.flow", "where every pixel went, of two pictures or a whole sequence"),
+    "live": ("rsflow.cli.live", "displacement, and velocity with camera and height, from a running camera"),
     "reproduce": ("rsflow.cli.reproduce", "repeat the report's experiments, its tables beside what rsflow measures"),
     "segment": ("rsflow.cli.segment", "what moves and what stands still, with numbers for the things that move"),
     "shift": ("rsflow.cli.shift", "how far a window moved from one picture to the next"),
@@ -160,4 +165,8 @@ def _guarded(name: str, run: Callable[[argparse.Namespace], int | None], args: a
 
 
 def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())
+    text = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        # Without the number: "[Errno 28] ..." says less than the words do.
+        text = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
+    return " ".join(text.split())

@@ -1,0 +1,206 @@
+"""The main job over many sources, on a pool of processes or any other executor."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from .errors import OptionError, RsflowError
+
+__all__ = ["BatchItem", "extract_many", "folder_names"]
+
+
+@dataclass(frozen=True)
+class BatchItem:
+    """What became of one source of a batch.
+
+    Attributes
+    ----------
+    source : str or int
+        The source as it was given.
+    folder : Path
+        The folder of its results.
+    status : {"done", "partial", "failed", "cancelled"}
+        ``partial``: it failed or was stopped on its way, and what was finished is kept; ``failed``: nothing is kept;
+        ``cancelled``: it was never begun.
+    error : str
+        Why, in one line; empty when done.
+    summary : dict
+        Key figures as in ``summary.json``; empty where nothing is kept.
+    """
+
+    source: str | int
+    folder: Path
+    status: str
+    error: str
+    summary: dict[str, Any]
+
+
+def folder_names(sources: Sequence[str | int | os.PathLike[str]]) -> list[str]:
+    """Give each source a folder name: its own name without suffix, numbered where two would be alike.
+
+    Examples
+    --------
+    >>> from rsflow.batch import folder_names
+    >>> folder_names(["a/clip.mp4", "b/clip.mp4", 0])
+    ['clip', 'clip-2', 'camera-0']
+    """
+    taken: set[str] = set()
+    names: list[str] = []
+    for source in sources:
+        if isinstance(source, int):
+            base = f"camera-{source}"
+        else:
+            last = re.split(r"[\\/]", os.fspath(source).rstrip("\\/"))[-1]
+            stem = last.rsplit(".", 1)[0] or last
+            base = re.sub(r"[^\w.-]+", "-", stem).strip("-.") or "source"
+        name, number = base, 1
+        while name.lower() in taken:
+            number += 1
+            name = f"{base}-{number}"
+        taken.add(name.lower())
+        names.append(name)
+    return names
+
+
+def _extract_one(source: str | int, folder: str, threads: int | None, options: dict[str, Any]) -> BatchItem:
+    """Run one extraction in a worker; every expected failure becomes an item, so that it cannot stop the others."""
+    import rsflow
+
+    from .extraction import ExtractionInterrupted, PartialExtractionError, extract
+
+    if threads is not None:
+        rsflow.set_num_threads(threads)
+    begun = False
+    try:
+        begun = True
+        done = extract(source, folder, **options)
+        return BatchItem(source, Path(folder), "done", "", done.summary)
+    except (PartialExtractionError, ExtractionInterrupted) as stop:
+        return BatchItem(source, Path(folder), "partial", _one_line(stop), stop.extraction.summary)
+    except KeyboardInterrupt:
+        return BatchItem(source, Path(folder), "failed" if begun else "cancelled", "interrupted", {})
+    except (RsflowError, OSError, MemoryError) as error:
+        return BatchItem(source, Path(folder), "failed", _one_line(error) or type(error).__name__, {})
+    except Exception as error:
+        return BatchItem(source, Path(folder), "failed", f"{type(error).__name__}: {_one_line(error)}", {})
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())
+
+
+def _worker_signals() -> None:
+    """Ctrl-C reaches every process of the group: an idle worker has nothing to keep and just ends."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def extract_many(
+    sources: Iterable[str | int | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    *,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+    on_done: Callable[[BatchItem], None] | None = None,
+    **options: Any,
+) -> list[BatchItem]:
+    """Extract from many sources at once; one that fails does not stop the others.
+
+    Parameters
+    ----------
+    sources : iterable of str, path or int
+        Sources as for `rsflow.extract`.
+    out : path
+        Each source gets a folder of its own in this one, named after it (see `folder_names`).
+    jobs : int, optional
+        Processes; by default one for every processor, at most one a source. Each uses its share of the processors.
+    executor : concurrent.futures.Executor, optional
+        Where to run instead, for instance ``dask.distributed.Client().get_executor()``; it stays open. Sources,
+        options and results must then be picklable and `out` reachable from its workers.
+    on_done : callable, optional
+        Called with each `BatchItem` as it ends.
+    **options
+        Options of `rsflow.extract`, the same for all.
+
+    Returns
+    -------
+    list of BatchItem
+        In the order of `sources`.
+
+    Raises
+    ------
+    OptionError
+        If there are no sources, or an option is outside of what it allows.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, rsflow
+    >>> from rsflow.batch import extract_many
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     items = extract_many(["missing.mp4"], folder, jobs=1)
+    >>> items[0].status
+    'failed'
+    """
+    from .extraction import ExtractSettings
+
+    given: list[str | int] = [source if isinstance(source, int) else os.fspath(source) for source in sources]
+    if not given:
+        raise OptionError("sources: got none, expected at least one")
+    if jobs is not None and jobs < 1:
+        raise OptionError(f"jobs: got {jobs}, expected at least 1")
+    ExtractSettings(**{name: value for name, value in options.items() if name != "progress"}).validate()
+    folders = [str(Path(out) / name) for name in folder_names(given)]
+    if executor is not None:
+        return _collected(executor, given, folders, None, options, on_done)
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = min(jobs or processors, len(given))
+    # Not fork: the parent may hold threads of OpenCV or of a video library.
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_worker_signals) as pool:
+        return _collected(pool, given, folders, max(1, processors // workers), options, on_done)
+
+
+def _collected(
+    executor: Executor,
+    sources: Sequence[str | int],
+    folders: Sequence[str],
+    threads: int | None,
+    options: dict[str, Any],
+    on_done: Callable[[BatchItem], None] | None,
+) -> list[BatchItem]:
+    futures: dict[Future[BatchItem], int] = {
+        executor.submit(_extract_one, source, folder, threads, options): index
+        for index, (source, folder) in enumerate(zip(sources, folders, strict=True))
+    }
+    items: dict[int, BatchItem] = {}
+    waiting = set(futures)
+    while waiting:
+        try:
+            ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+        except KeyboardInterrupt:
+            # Those that run have got the signal too and keep what they have; those that wait are not begun.
+            for future in waiting:
+                future.cancel()
+            continue
+        for future in ended:
+            index = futures[future]
+            items[index] = _item(future, sources[index], Path(folders[index]))
+            if on_done is not None:
+                on_done(items[index])
+    return [items[index] for index in range(len(sources))]
+
+
+def _item(future: Future[BatchItem], source: str | int, folder: Path) -> BatchItem:
+    if future.cancelled():
+        return BatchItem(source, folder, "cancelled", "not begun: the batch was interrupted", {})
+    error = future.exception()
+    if error is not None:
+        # The worker itself died: killed, out of memory, or its result could not be sent.
+        return BatchItem(source, folder, "failed", f"the worker ended: {type(error).__name__}: {_one_line(error)}", {})
+    return future.result()

@@ -1,0 +1,145 @@
+"""``rsflow extract``: the main job, from one source to tables, videos and a report page."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rsflow.extraction import Extraction
+
+DESCRIPTION = """\
+Extract the motion of one source, in one pass, into a folder:
+
+  report.html     look here first: key figures, plots, the three videos, what was invalid and why
+  motion.csv      a row a frame: displacement with its uncertainty, flow, light, share that moves, status
+  objects.csv     a row for each moving thing in each frame
+  flow.mp4        the picture with the motion as arrows
+  moving.mp4      what moves;  static.mp4: what stands still, without what moves
+  velocity.csv    with --camera and --height: the camera's velocity over the ground in m/s
+  track.csv       with both: the path that the camera travelled, in metres
+  summary.json    the key figures for programs
+
+SOURCE is a video, a folder or glob of pictures, a camera's number (stop with Ctrl-C) or a URL.
+
+examples:
+  rsflow extract clip.mp4 -o out
+  rsflow extract clip.mp4 -o out --camera cam.yaml --height 0.2
+  rsflow extract 'frames/*.png' -o out --rate 30
+  rsflow extract clip.mp4 -o out --start 100 --stop 400 --roi 0,80,640,400
+  rsflow extract clip.mp4 -o out --json | python -c 'import json, sys; print(json.load(sys.stdin)["frames"])'
+
+Ctrl-C stops after the frame at hand: what is finished is kept, named *.partial.*, with a report; the message says
+with which --start to go on, into another folder. exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
+
+
+def region(text: str) -> tuple[int, int, int, int]:
+    """Parse ``x,y,width,height``."""
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"got {text!r}, expected x,y,width,height in pixels, as 0,80,640,400"
+        ) from None
+    return x, y, width, height
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that `extract` and `batch` share."""
+    metric = parser.add_argument_group("metres per second")
+    metric.add_argument("--camera", metavar="FILE", help="calibrated camera: ROS, OpenCV or kalibr YAML, or JSON")
+    height = metric.add_mutually_exclusive_group()
+    height.add_argument("--height", type=float, metavar="M", help="height over the ground in metres")
+    height.add_argument("--height-csv", metavar="FILE", help="heights: columns t_s,height_m or frame,height_m")
+    metric.add_argument(
+        "--height-std", type=float, default=0.0, metavar="M", help="standard deviation of the height (default 0)"
+    )
+    part = parser.add_argument_group("part of the source")
+    part.add_argument("--start", type=int, metavar="N", help="first frame (counted from 0)")
+    part.add_argument("--stop", type=int, metavar="N", help="end before this frame")
+    part.add_argument("--stride", type=int, default=1, metavar="N", help="take every Nth frame (default 1)")
+    part.add_argument("--roi", type=region, metavar="X,Y,W,H", help="only this part of the picture, in pixels")
+    part.add_argument("--rate", type=float, metavar="HZ", help="frames per second, for pictures or slow motion")
+    how = parser.add_argument_group("how to measure")
+    how.add_argument(
+        "--preset", choices=("fast", "balanced", "accurate"), default="balanced", help="dense flow (default balanced)"
+    )
+    how.add_argument(
+        "--camera-motion",
+        choices=("auto", "moving", "static"),
+        default="auto",
+        help="does the camera move? (default auto: decided from the first frames)",
+    )
+    how.add_argument(
+        "--illumination",
+        choices=("none", "offset", "gain_offset"),
+        default="gain_offset",
+        help="change of light that is allowed for (default gain_offset)",
+    )
+    how.add_argument("--max-displacement", type=float, metavar="PX", help="longest motion between frames to look for")
+    how.add_argument("--no-videos", action="store_true", help="tables and report only: faster")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``rsflow extract``."""
+    parser.add_argument("source", metavar="SOURCE", help="video, folder or glob of pictures, camera number, URL")
+    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder for the results; made if missing")
+    add_options(parser)
+    parser.add_argument("--json", action="store_true", help="print summary.json on standard output")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress bar, no closing lines")
+
+
+def options(args: argparse.Namespace) -> dict[str, Any]:
+    """Keyword arguments of `rsflow.extract` from the parsed options."""
+    return {
+        "camera": args.camera,
+        "height_m": args.height if args.height_csv is None else args.height_csv,
+        "height_std_m": args.height_std,
+        "start": args.start,
+        "stop": args.stop,
+        "stride": args.stride,
+        "roi": args.roi,
+        "frame_rate": args.rate,
+        "preset": args.preset,
+        "camera_motion": args.camera_motion,
+        "illumination": args.illumination,
+        "max_displacement": args.max_displacement,
+        "videos": not args.no_videos,
+    }
+
+
+def source_of(text: str) -> int | str:
+    """Give a camera's number as int, anything else as it is."""
+    return int(text) if text.isdecimal() else text
+
+
+def show(extraction: Extraction, *, as_json: bool, quiet: bool) -> None:
+    """Print the result of an extraction: JSON, or a few lines for people."""
+    if as_json:
+        print(json.dumps(extraction.summary, indent=2))
+    elif not quiet:
+        summary = extraction.summary
+        print(summary["text"])
+        for line in summary["notes"]:
+            print(f"note: {line}")
+        print(f"look at {extraction.files['report']}" if "report" in extraction.files else f"see {extraction.folder}")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Extract; on failure or Ctrl-C still show what is kept."""
+    from rsflow.extraction import ExtractionInterrupted, PartialExtractionError, extract
+
+    try:
+        extraction = extract(
+            source_of(args.source),
+            args.output,
+            **options(args),
+            progress=False if args.quiet else sys.stderr.isatty(),
+        )
+    except (ExtractionInterrupted, PartialExtractionError) as stop:
+        show(stop.extraction, as_json=args.json, quiet=args.quiet)
+        raise
+    show(extraction, as_json=args.json, quiet=args.quiet)
+    return 0

@@ -1,0 +1,108 @@
+"""The columns of the tables, each with its meaning: written as headers, explained on the report page."""
+
+from __future__ import annotations
+
+__all__ = ["MOTION", "OBJECTS", "TRACK", "VELOCITY", "WORDS", "meaning"]
+
+# Columns that hold words.
+WORDS = frozenset({"status", "segmentation_status", "camera_model"})
+
+MOTION = {
+    "frame": "number of the frame in the source, counted from 0",
+    "t_s": "its time in seconds; nan where the source has no times",
+    "dt_s": "time since the frame before that was measured",
+    "dx_px": "displacement of the picture since the frame before, to the right: one vector for the whole frame, "
+    "robust against what moves on its own",
+    "dy_px": "the same, downwards",
+    "dx_std_px": "standard deviation of dx_px; inf where it was not measured",
+    "dy_std_px": "standard deviation of dy_px",
+    "dxdy_cov_px2": "covariance of dx_px and dy_px",
+    "gain": "change of contrast since the frame before that the displacement allows for",
+    "offset": "change of brightness, in grey levels",
+    "flow_mean_x_px": "mean of the valid dense flow, to the right (of large pictures over every second pixel each way)",
+    "flow_mean_y_px": "the same, downwards",
+    "flow_median_x_px": "median of the dense flow where it is valid, to the right",
+    "flow_median_y_px": "the same, downwards",
+    "flow_median_px": "median length of the dense flow",
+    "flow_p95_px": "length that 95 % of the dense flow stay below",
+    "flow_valid_share": "share of the pixels whose dense flow is valid",
+    "moving_share": "share of the pixels that move on their own",
+    "objects": "number of moving things",
+    "camera_dx_px": "motion of the static scene at the middle of the picture, to the right, from the dense flow",
+    "camera_dy_px": "the same, downwards",
+    "camera_rotation_rad": "its rotation about the line of sight, clockwise as seen",
+    "camera_scale": "its magnification",
+    "camera_model": "what the dense flow needed for it: translation, similarity, affine, homography; static, none",
+    "status": "ok, or why the displacement was not measured",
+    "segmentation_status": "ok, or why moving and static were not told apart",
+}
+
+VELOCITY = {
+    "frame": "number of the frame in the source",
+    "t_s": "its time in seconds",
+    "dt_s": "time since the frame before",
+    "vx_m_s": "velocity of the camera over the ground, along the picture's x axis (right)",
+    "vy_m_s": "the same, along the y axis (down in the picture)",
+    "vz_m_s": "the same, along the line of sight",
+    "vx_std_m_s": "standard deviation of vx_m_s; inf where it was not measured",
+    "vy_std_m_s": "standard deviation of vy_m_s",
+    "vz_std_m_s": "standard deviation of vz_m_s",
+    "height_m": "height over the ground that was used",
+    "dx_px": "how far the ground went in the picture since the frame before, to the right",
+    "dy_px": "the same, downwards",
+    "n_points": "number of points that the velocity rests on",
+    "status": "ok, or why it was not measured",
+}
+
+TRACK = {
+    "frame": "number of the frame in the source",
+    "t_s": "its time in seconds",
+    "segment": "counts the unbroken pieces: across a gap the way is not known, the next begins where the last ended",
+    "x_m": "way since the start, along the camera's x axis at the start, in metres",
+    "y_m": "the same, along its y axis",
+    "z_m": "the same, along the line of sight",
+    "heading_rad": "turn about straight down since the start, clockwise as the camera sees the ground",
+    "x_std_m": "standard deviation of x_m, without that of the heading",
+    "y_std_m": "standard deviation of y_m",
+    "distance_m": "length of the way in the x-y plane, gaps left out",
+}
+
+OBJECTS = {
+    "frame": "number of the frame in the source",
+    "t_s": "its time in seconds",
+    "id": "number of the thing, the same from frame to frame",
+    "age_frames": "for how many frames it has been seen",
+    "x_px": "centre of its pixels, to the right",
+    "y_px": "the same, downwards",
+    "left_px": "left edge of its box",
+    "top_px": "upper edge of its box",
+    "width_px": "width of its box",
+    "height_px": "height of its box",
+    "area_px": "number of its pixels",
+    "vx_px_per_frame": "its motion against the still surroundings, to the right",
+    "vy_px_per_frame": "the same, downwards",
+}
+
+# What each status says to the reader of the report.
+_MEANINGS = {
+    "ok": "measured",
+    "first_frame": "the first frame has none before it",
+    "too_small": "the picture has too few pixels",
+    "too_little_overlap": "the two frames share too little of the scene: the motion is too large",
+    "no_texture": "nothing in the picture stands out of the noise",
+    "aperture": "structure in one direction only: motion along it cannot be seen",
+    "no_match": "the two frames do not show the same scene: a cut, or motion that is too large",
+    "not_converged": "the estimate did not settle",
+    "time_not_increasing": "the frame is not later than the one before",
+    "scene_cut": "the picture has nothing to do with the one before",
+    "too_few_points": "too few points could be followed to fit a velocity and to judge it",
+    "inconsistent": "fewer than half of the points move as one plane does",
+    "no_height": "no height over the ground is known at this time",
+    "no_camera_motion": "the dense flow does not tell the motion of the camera, so nothing is called moving",
+    "no_ground": "the camera does not look at the ground",
+}
+
+
+def meaning(status: str) -> str:
+    """Say in words what a status means."""
+    return _MEANINGS.get(status, status.replace("_", " "))

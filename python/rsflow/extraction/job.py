@@ -1,0 +1,252 @@
+"""The main job: one pass over a source, each frame measured once, everything written as it comes."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..errors import RsflowError
+from .background import BackgroundWorker
+from .closing import Ending, close
+from .outputs import Outputs
+from .pipeline import Measured, Pipeline
+from .probe import PROBE_BYTES, PROBE_PAIRS
+from .progress import Progress
+from .result import Extraction, ExtractionInterrupted, PartialExtractionError
+from .settings import CameraMotion, ExtractSettings, Illumination, Preset
+from .stopping import StopRequest
+
+__all__ = ["extract"]
+
+
+def extract(
+    source: Any,
+    out: str | os.PathLike[str],
+    *,
+    camera: Any = None,
+    height_m: float | str | os.PathLike[str] | None = None,
+    height_std_m: float = 0.0,
+    start: int | None = None,
+    stop: int | None = None,
+    stride: int = 1,
+    roi: tuple[int, int, int, int] | None = None,
+    frame_rate: float | None = None,
+    preset: Preset = "balanced",
+    illumination: Illumination = "gain_offset",
+    max_displacement: float | None = None,
+    camera_motion: CameraMotion = "auto",
+    videos: bool = True,
+    progress: bool = False,
+    on_frame: Callable[[Measured], None] | None = None,
+) -> Extraction:
+    """Extract the motion of one source into a folder: tables, videos and a report page, in one pass.
+
+    Writes ``motion.csv`` (a row a frame), ``objects.csv`` (a row for each moving thing in each frame), ``flow.mp4``
+    (arrows over the picture), ``moving.mp4``, ``static.mp4``, ``background.png``, ``summary.json`` and ``report.html``;
+    with `camera` and `height_m` also ``velocity.csv`` and ``track.csv``. The report explains every column.
+
+    Parameters
+    ----------
+    source : int, str, path, array or iterable
+        As for `rsflow.frames`: a camera's index, a video, a folder or glob of pictures, a URL, arrays.
+    out : path
+        Folder for the results; made if it is missing. Files of an earlier run are replaced when this one ends.
+    camera : Camera or path, optional
+        The calibrated camera, of the whole picture: `roi` is allowed for.
+    height_m : float or path, optional
+        Perpendicular distance from the ground in metres, or a CSV with the columns ``t_s,height_m``.
+    height_std_m : float
+        Standard deviation of the height, in metres.
+    start, stop, stride : int, optional
+        Frames to take, as ``range(start, stop, stride)``.
+    roi : (x, y, width, height), optional
+        Part of the picture to look at, in pixels.
+    frame_rate : float, optional
+        Frames per second, for pictures, which have no times, and for slow-motion clips.
+    preset : {"fast", "balanced", "accurate"}
+        Of the dense flow.
+    illumination : {"gain_offset", "offset", "none"}
+        Change of light that every estimator allows for.
+    max_displacement : float, optional
+        Longest motion between two frames to look for, in pixels.
+    camera_motion : {"auto", "moving", "static"}
+        Whether the camera moves; "auto" decides from the first frames and says so in the report.
+    videos : bool
+        Write the three videos.
+    progress : bool
+        Show a progress bar on standard error.
+    on_frame : callable, optional
+        Called with each frame's `Measured`: its picture, flow, segmentation, velocity and rows; in order, from
+        another thread.
+
+    Returns
+    -------
+    Extraction
+        Paths of the files and the key figures.
+
+    Raises
+    ------
+    PartialExtractionError
+        If the source breaks off, the disk becomes full or anything else fails on the way. What is finished is kept
+        in files named ``*.partial.*``, with a report; its `extraction` names them.
+    ExtractionInterrupted
+        At Ctrl-C or SIGTERM, likewise; a `KeyboardInterrupt`. A live source is ended by it and complete.
+    CaptureError
+        If the source cannot be opened or holds no frame.
+    OptionError, FormatError
+        If an option is outside of what it allows, or the camera file is not one.
+    OSError
+        If the folder cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, rsflow
+    >>> from rsflow import synthetic
+    >>> flight = synthetic.flight(frames=4, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     done = rsflow.extract(flight.images, folder, frame_rate=30, camera=flight.camera, height_m=0.2)
+    >>> done.frames, round(done.summary["speed_median_m_s"], 3)
+    (4, 0.03)
+    """
+    settings = ExtractSettings(
+        camera=camera,
+        height_m=height_m,
+        height_std_m=height_std_m,
+        start=start,
+        stop=stop,
+        stride=stride,
+        roi=roi,
+        frame_rate=frame_rate,
+        preset=preset,
+        illumination=illumination,
+        max_displacement=max_displacement,
+        camera_motion=camera_motion,
+        videos=videos,
+    )
+    settings.validate()
+    from ..camera.capture import frames
+
+    with (
+        frames(source, color=True, roi=roi, start=start, stop=stop, stride=stride, frame_rate=frame_rate) as stream,
+        Outputs(Path(out), stream, settings) as outputs,
+    ):
+        return _Job(stream, settings, outputs, on_frame).run(progress)
+
+
+class _Job:
+    """One pass over a source, until its end, Ctrl-C, or a failure."""
+
+    def __init__(
+        self,
+        stream: Any,
+        settings: ExtractSettings,
+        outputs: Outputs,
+        on_frame: Callable[[Measured], None] | None,
+    ) -> None:
+        self.stream, self.settings, self.outputs, self.on_frame = stream, settings, outputs, on_frame
+        self.pipeline = Pipeline(settings, stream)
+        self.held: list[tuple[Any, Any, Any]] = []
+        self.settled = False
+        self.last: int | None = None
+        self.second: BackgroundWorker[tuple[Any, Any, Any]] = BackgroundWorker(self._process, name="rsflow-separate")
+
+    def run(self, progress: bool) -> Extraction:
+        """Take all frames; raise what ended the run early, after keeping what is finished."""
+        begin = time.monotonic()
+        with StopRequest() as stop:
+            interrupted, failure = False, None
+            try:
+                with Progress(self.stream.count, label=Path(self.stream.source).name, enabled=progress) as bar:
+                    for frame in self.stream:
+                        self.take(frame)
+                        bar.advance()
+                        if stop.requested:
+                            break
+            except KeyboardInterrupt:
+                interrupted = True
+            except Exception as error:
+                failure = error
+            interrupted = (interrupted or stop.requested) and failure is None
+            failure = self._drained() or failure
+            if self.last is None:
+                # Nothing to keep: the folder stays as it was.
+                raise failure or KeyboardInterrupt
+            return self._ended(interrupted, failure, time.monotonic() - begin)
+
+    def take(self, frame: Any) -> None:
+        """Measure one frame; the first ones wait until the probe is decided."""
+        shift, flow = self.pipeline.measure(frame)
+        if self.settled:
+            self.second.put((frame, shift, flow))
+            return
+        self.held.append((frame, shift, flow))
+        size = frame.image.nbytes + frame.color.nbytes + (0 if flow is None else flow.uv.nbytes)
+        if len(self.held) > min(PROBE_PAIRS, max(2, PROBE_BYTES // max(size, 1))):
+            self.settle()
+
+    def settle(self) -> None:
+        """Decide what the probe is for and process the frames that waited."""
+        self.settled = True
+        held, self.held = self.held, []
+        if held:
+            width = held[0][0].image.shape[1]
+            self.outputs.begin(self.pipeline.settle([(shift, flow) for _, shift, flow in held], width))
+        for item in held:
+            self.second.put(item)
+
+    def _process(self, item: tuple[Any, Any, Any]) -> None:
+        """Separate, measure the velocity, and hand over to the files: beside the measuring of the next frame."""
+        frame, shift, flow = item
+        measured = self.pipeline.finish(frame, shift, flow)
+        self.outputs.add(measured)
+        self.last = frame.index
+        if self.on_frame is not None:
+            self.on_frame(measured)
+
+    def _drained(self) -> Exception | None:
+        """Process what waits, also where the run was too short for the probe; give the error that ended it."""
+        try:
+            if not self.settled:
+                self.settle()
+            self.second.close()
+        except Exception as error:
+            return error
+        return None
+
+    def _ended(self, interrupted: bool, failure: BaseException | None, seconds: float) -> Extraction:
+        """Complete the files and give or raise the result."""
+        live_end = interrupted and self.stream.live
+        reason = ""
+        if failure is not None:
+            reason = _reason(failure)
+        elif interrupted and not live_end:
+            reason = f"interrupted after frame {self.last}"
+        extraction, trouble = close(self.outputs, self.pipeline, Ending(reason, self.last, seconds))
+        failure = failure or trouble
+        if failure is not None:
+            raise PartialExtractionError(f"{_reason(failure)}; {_kept(extraction)}", extraction) from failure
+        if reason:
+            raise ExtractionInterrupted(f"{reason}; {_kept(extraction)}; {_going_on(extraction)}", extraction)
+        return extraction
+
+
+def _reason(error: BaseException) -> str:
+    """Give the message of an expected error; the type too where it is not one of those."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.strerror}" if error.filename is None else f"{error.filename}: {error.strerror}"
+    if isinstance(error, RsflowError):
+        return " ".join(str(error).split())
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def _kept(extraction: Extraction) -> str:
+    if not extraction.files:
+        return f"nothing could be kept in {extraction.folder}"
+    return f"{extraction.frames} frames are kept as *.partial.* in {extraction.folder}"
+
+
+def _going_on(extraction: Extraction) -> str:
+    return f"go on into another folder with --start {extraction.summary['next_start']}"

@@ -1,0 +1,70 @@
+"""Metres per second: the camera that fits the frames, and the height of each."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import OptionError
+
+if TYPE_CHECKING:
+    from ..camera.model import Camera
+
+__all__ = ["HeightOf", "fitting_camera"]
+
+
+def fitting_camera(camera: Any, stream: Any, roi: tuple[int, int, int, int] | None) -> tuple[Camera, str]:
+    """Give the camera of the frames of `stream`: resized and cropped as they are.
+
+    Parameters
+    ----------
+    camera : Camera or path
+        Of the whole picture, in the size it was calibrated at.
+    stream : Frames
+        Open, its `source_size` known.
+    roi : (x, y, width, height), optional
+        What the frames are cropped to.
+
+    Returns
+    -------
+    camera : Camera
+    note : str
+        What had to be done, for the report; empty where it fitted as it was.
+
+    Raises
+    ------
+    OptionError
+        If the camera's picture has another shape than the source's: then it is another camera's.
+    """
+    from ..camera.model import Camera
+
+    size = stream.source_size
+    if not isinstance(camera, Camera):
+        camera = Camera.load(Path(camera), size=size)
+    note = ""
+    if size is not None and camera.size != tuple(size):
+        width, height = size
+        if abs(camera.width * height - camera.height * width) > max(camera.width, width):
+            raise OptionError(
+                f"camera: it is calibrated at {camera.width} x {camera.height} pixels, but {stream.source} has "
+                f"{width} x {height}, another shape: it cannot be this camera's uncropped picture"
+            )
+        note = f"The camera, calibrated at {camera.width} x {camera.height} pixels, was scaled to {width} x {height}."
+        camera = camera.scaled(width, height)
+    return (camera if roi is None else camera.cropped(roi)), note
+
+
+class HeightOf:
+    """Height over the ground at a frame: constant, or from a CSV (see `rsflow.velocity.Heights`)."""
+
+    def __init__(self, height_m: float | str | os.PathLike[str]) -> None:
+        from ..velocity import Heights
+
+        self._constant = float(height_m) if isinstance(height_m, (int, float)) else math.nan
+        self._heights = None if isinstance(height_m, (int, float)) else Heights.read(height_m)
+
+    def at(self, frame: int, t_s: float) -> float:
+        """Give the height in metres, NaN where the CSV has none."""
+        return self._constant if self._heights is None else self._heights.at(frame=frame, t_s=t_s)

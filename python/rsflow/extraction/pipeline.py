@@ -1,0 +1,144 @@
+"""What is measured in each frame: every estimator once, the dense flow shared by all that need it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import rows
+from .metric import HeightOf, fitting_camera
+from .probe import CameraDecision, arrow_style, camera_motion
+from .settings import ExtractSettings
+
+__all__ = ["Measured", "Pipeline"]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Everything known about one frame.
+
+    Attributes
+    ----------
+    frame : Frame
+        With its picture in grey and in colour.
+    flow : FlowField or None
+        Dense flow since the frame before; None for the first.
+    segmentation : MotionSegmentation or None
+        What moves and what stands still.
+    velocity : Velocity or None
+        With camera and height only.
+    motion, objects, velocity_row
+        The rows of ``motion.csv``, ``objects.csv`` and ``velocity.csv``.
+    """
+
+    frame: Any
+    flow: Any
+    segmentation: Any
+    velocity: Any
+    motion: dict[str, Any]
+    objects: list[dict[str, Any]]
+    velocity_row: dict[str, Any] | None
+
+
+class Pipeline:
+    """The estimators of one extraction, fed frame by frame in two steps with the probe's decision between."""
+
+    def __init__(self, settings: ExtractSettings, stream: Any) -> None:
+        from .. import DenseFlow
+
+        self.settings, self.stream = settings, stream
+        self._dense = DenseFlow(
+            preset=settings.preset,
+            illumination=settings.illumination,
+            max_displacement=settings.max_displacement,
+        )
+        self._prev: Any = None
+        self._prev_t_s = math.nan
+        self._segmenter: Any = None
+        self._last_segmentation: Any = None
+        self._velocity: Any = None
+        self._height: HeightOf | None = None
+        # "auto" is decided by `settle`.
+        self.decision = (
+            CameraDecision("static", "given as at rest")
+            if settings.camera_motion == "static"
+            else CameraDecision("moving", "given as moving")
+        )
+        self.notes: list[str] = []
+        if settings.height_m is not None:
+            # Read before the first frame: a wrong file must fail before anything is written.
+            self._height = HeightOf(settings.height_m)
+
+    def measure(self, frame: Any) -> tuple[Any, Any]:
+        """First step: displacement and dense flow since the frame before, None for the first."""
+        from .. import estimate_shift
+
+        if self._prev is None and self.settings.height_m is not None:
+            self._open_velocity()
+        shift = None
+        if self._prev is not None:
+            shift = estimate_shift(
+                self._prev,
+                frame.image,
+                illumination=self.settings.illumination,
+                max_displacement=self.settings.max_displacement,
+            )
+        self._prev = frame.image
+        return shift, self._dense.update(frame.image)
+
+    def _open_velocity(self) -> None:
+        from ..velocity import VelocityEstimator
+
+        camera, note = fitting_camera(self.settings.camera, self.stream, self.settings.roi)
+        if note:
+            self.notes.append(note)
+        self._velocity = VelocityEstimator(camera, height_std_m=self.settings.height_std_m)
+
+    def settle(self, pairs: Sequence[tuple[Any, Any]], width: int) -> Any:
+        """Decide from the first pairs; give the style of the arrows."""
+        from .. import MotionSegmenter
+
+        told = [pair for pair in pairs if pair[1] is not None]
+        if self.settings.camera_motion == "auto":
+            self.decision = camera_motion(told)
+        self._segmenter = MotionSegmenter(camera_motion=self.decision.motion)
+        return arrow_style([flow for _, flow in told], width)
+
+    def finish(self, frame: Any, shift: Any, flow: Any) -> Measured:
+        """Second step: moving and static, velocity, and the rows of the tables."""
+        segmentation = self._segmenter.update(frame.image, flow=flow)
+        self._last_segmentation = segmentation
+        dt_s = frame.t_s - self._prev_t_s
+        self._prev_t_s = frame.t_s
+        velocity, table_row = None, None
+        if self._velocity is not None and self._height is not None:
+            from ..velocity import velocity_row
+
+            height_m = self._height.at(frame.index, frame.t_s)
+            velocity = self._velocity.update(frame.image, frame.t_s, height_m=height_m)
+            table_row = velocity_row(velocity, frame=frame.index, height_m=height_m)
+        return Measured(
+            frame=frame,
+            flow=flow,
+            segmentation=segmentation,
+            velocity=velocity,
+            motion=rows.motion_row(frame, dt_s, shift, flow, segmentation),
+            objects=rows.object_rows(frame, segmentation),
+            velocity_row=table_row,
+        )
+
+    def background(self) -> Any:
+        """Give the static scene at the end, None where there is none."""
+        if self._last_segmentation is None:
+            return None
+        from .._drawing import displayed
+
+        scene = self._last_segmentation.background
+        image = self._last_segmentation.image
+        # Where nothing is known yet a middle grey stands; other depths are shown as the last frame would be.
+        picture = np.where(np.isfinite(scene), scene, np.nanmean(scene) if np.isfinite(scene).any() else 0.0)
+        return displayed(picture.round().clip(0, 255).astype(np.uint8) if image.dtype == np.uint8 else picture)

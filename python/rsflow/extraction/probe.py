@@ -1,0 +1,71 @@
+"""What is decided once, from the first frames: whether the camera moves, and the scale of the arrows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+__all__ = ["PROBE_BYTES", "PROBE_PAIRS", "STILL_PX", "CameraDecision", "arrow_style", "camera_motion"]
+
+# Pairs of frames that are looked at, and the memory that the frames kept meanwhile may take: enough pairs to see a
+# hand-held camera tremble, few enough that large frames fit.
+PROBE_PAIRS = 12
+PROBE_BYTES = 256_000_000
+
+# A camera on a tripod stays below this, compression and noise included; a hand-held one is above it in most pairs.
+STILL_PX = 0.15
+
+# Arrows longer than so many of their distances are cut: a clip that becomes faster than its first frames stays legible.
+_LONGEST_STEPS = 4.0
+
+
+@dataclass(frozen=True)
+class CameraDecision:
+    """Whether the camera moves, and the sentence that says why."""
+
+    motion: Literal["moving", "static"]
+    reason: str
+
+
+def _displacement(shift: Any, flow: Any) -> float:
+    """How far a pair moved as a whole, in pixels; NaN where neither estimator can tell."""
+    if shift is not None and shift.valid:
+        return float(np.hypot(shift.dx, shift.dy))
+    if flow is not None and flow.valid.any():
+        return float(np.hypot(*np.median(flow.uv[flow.valid], axis=0)))
+    return float("nan")
+
+
+def camera_motion(pairs: Sequence[tuple[Any, Any]]) -> CameraDecision:
+    """Decide from (shift, flow) of the first pairs.
+
+    A camera rests when three quarters of the pairs moved by less than `STILL_PX` as a whole. Where nothing can be
+    told, a moving camera is assumed: its estimate of the motion finds a camera at rest too.
+    """
+    moved = np.array([_displacement(*pair) for pair in pairs], np.float64)
+    moved = moved[np.isfinite(moved)]
+    if len(moved) == 0:
+        return CameraDecision("moving", "taken as moving, since the first frames do not tell")
+    pairs_text = f"the first {len(moved)} pairs of frames" if len(moved) > 1 else "the first pair of frames"
+    high = float(np.quantile(moved, 0.75))
+    if high < STILL_PX:
+        return CameraDecision("static", f"found at rest: {pairs_text} moved by less than {STILL_PX} px as a whole")
+    return CameraDecision(
+        "moving", f"found moving: {pairs_text} moved by {float(np.median(moved)):.2f} px (median) as a whole"
+    )
+
+
+def arrow_style(flows: Sequence[Any], width: int) -> Any:
+    """Give the `QuiverStyle` of the whole clip, fitted to its first flows."""
+    from ..plotting import QuiverStyle
+
+    known = [flow.uv[flow.valid] for flow in flows if flow is not None and flow.valid.any()]
+    if not known:
+        known = [np.zeros((1, 2), np.float32)]
+    style = QuiverStyle.fitted(known, width=width)
+    return QuiverStyle.fitted(
+        known, width=width, step=style.step, scale=style.scale, max_length=_LONGEST_STEPS * style.step
+    )

@@ -1,0 +1,305 @@
+"""What stands on the report page: figures, plots, and an honest account of what was not measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import columns
+from .report_page import Figure, Plot, Report, Table
+from .series import Series, runs
+from .svg import Curve, path_plot, time_plot
+
+if TYPE_CHECKING:
+    from .outputs import Outputs
+
+__all__ = ["LASTING_FRAMES", "build"]
+
+# What is seen for less is mostly noise, or a fragment of something else.
+LASTING_FRAMES = 10
+
+_FILES = {
+    "motion": "a row a frame: displacement, flow, light, shares, status",
+    "objects": "a row for each moving thing in each frame",
+    "velocity": "velocity of the camera over the ground, a row a frame",
+    "track": "path of the camera, from its velocities",
+    "flow": "arrows over the picture, at one scale for the whole clip",
+    "moving": "what moves on its own",
+    "static": "what stands still, without what moves",
+    "background": "the static scene at the end",
+    "summary": "the key figures of this page, for programs",
+}
+
+
+def build(outputs: Outputs, summary: Mapping[str, Any], files: Mapping[str, Path]) -> Report:
+    """Put the page together from what the run has gathered."""
+    width, height = summary["size"]
+    return Report(
+        title=Path(str(summary["source"])).name or str(summary["source"]),
+        subtitle=f"motion extracted by rsflow {summary['version']} on {summary['date']}; {width} x {height} pixels",
+        complete=summary["complete"],
+        summary=summary["text"],
+        tiles=_tiles(summary),
+        problems=summary["problems"],
+        notes=summary["notes"],
+        figures=_figures(outputs, files, summary),
+        plots=_plots(outputs),
+        tables=_tables(outputs, files),
+        settings=_settings(summary),
+    )
+
+
+def _tiles(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    pairs = max(summary["frames"] - 1, 0)
+    tiles = [("frames", str(summary["frames"])), ("pairs with a displacement", f"{summary['measured']} of {pairs}")]
+    if summary["duration_s"] is not None:
+        tiles.append(("duration", f"{summary['duration_s']:.2f} s"))
+    if summary["displacement_median_px"] is not None:
+        tiles.append(("displacement a frame, median", f"{summary['displacement_median_px']:.3g} px"))
+    if summary["flow_median_px"] is not None:
+        tiles.append(("dense flow, median", f"{summary['flow_median_px']:.3g} px"))
+    if summary["flow_valid_share"] is not None:
+        tiles.append(("of the flow is valid", f"{100 * summary['flow_valid_share']:.1f} %"))
+    if summary["moving_share"] is not None:
+        tiles.append(("of the picture moves on its own", f"{100 * summary['moving_share']:.1f} %"))
+    tiles.append((f"moving things seen for {LASTING_FRAMES} frames or more", str(summary["lasting_objects"])))
+    if summary.get("speed_median_m_s") is not None:
+        tiles.append(("speed over ground, median", f"{summary['speed_median_m_s']:.4g} m/s"))
+        tiles.append(("way travelled", f"{summary['distance_m']:.4g} m"))
+    tiles.append(("processed at", f"{summary['frames_per_second']:.1f} frames/s"))
+    return tiles
+
+
+def _figures(outputs: Outputs, files: Mapping[str, Path], summary: Mapping[str, Any]) -> list[Figure]:
+    views = outputs.views
+    if views is None or not views.posters:
+        return []
+    at = f"frame {views.poster_frame}"
+    arrow = f"One pixel of motion is drawn {views.style.scale:g} px long in the whole clip."
+    captions = {
+        "flow": ("Motion", f"Arrows from the dense flow, where it is valid; shown is {at}. {arrow}"),
+        "moving": ("Moving", f"What moves on its own; shown is {at}, where most moves."),
+        "static": ("Static", f"The scene without what moves; shown is {at}."),
+    }
+    playable = views.codec in {None, "h264", "vp9"}
+    return [
+        Figure(title, caption, views.jpeg(name), files.get(name), playable)
+        for name, (title, caption) in captions.items()
+    ]
+
+
+def _plots(outputs: Outputs) -> list[Plot]:
+    motion = outputs.series["motion"]
+    if len(motion) < 2:
+        return []
+    x, x_label = _abscissa(motion)
+    dx, dy = motion["dx_px"], motion["dy_px"]
+    valid = np.isfinite(dx)
+    valid[0] = True
+    plots = [
+        Plot(
+            "Displacement of the picture from frame to frame",
+            time_plot(
+                x,
+                [Curve("dx, to the right", dx, motion["dx_std_px"]), Curve("dy, down", dy, motion["dy_std_px"])],
+                title="displacement over time",
+                y_label="px per frame",
+                x_label=x_label,
+                valid=valid,
+                y_least=0.2,
+            ),
+            "One vector for the whole picture, robust against what moves on its own. Bands are one standard deviation.",
+        ),
+        Plot(
+            "Where the picture has gone",
+            time_plot(
+                x,
+                [Curve("x, to the right", _sums(dx)), Curve("y, down", _sums(dy))],
+                title="summed displacement over time",
+                y_label="px since the start",
+                x_label=x_label,
+                valid=valid,
+                y_least=1.0,
+            ),
+            "Sum of the displacements; across gaps it is carried on as if nothing had moved.",
+        ),
+        Plot(
+            "Dense flow",
+            time_plot(
+                x,
+                [Curve("median length", motion["flow_median_px"]), Curve("95 % are below", motion["flow_p95_px"])],
+                title="length of the dense flow over time",
+                y_label="px per frame",
+                x_label=x_label,
+                floor=0.0,
+                y_least=0.2,
+            ),
+        ),
+        Plot(
+            "How much is valid, how much moves",
+            time_plot(
+                x,
+                [
+                    Curve("flow is valid", 100 * motion["flow_valid_share"]),
+                    Curve("moves on its own", 100 * motion["moving_share"]),
+                ],
+                title="share of valid flow and of moving pixels over time",
+                y_label="% of the picture",
+                x_label=x_label,
+                floor=0.0,
+                y_least=5.0,
+            ),
+        ),
+    ]
+    if np.isfinite(motion["gain"]).any():
+        plots.append(_light(motion, x, x_label, valid))
+    return plots + _velocity_plots(outputs)
+
+
+def _abscissa(series: Series) -> tuple[np.ndarray, str]:
+    t = series["t_s"]
+    return (t, "time in s") if np.isfinite(t).all() else (series["frame"], "frame")
+
+
+def _sums(values: np.ndarray) -> np.ndarray:
+    sums = np.cumsum(np.nan_to_num(values))
+    sums[~np.isfinite(values)] = np.nan
+    sums[0] = 0.0
+    return sums
+
+
+def _light(motion: Series, x: np.ndarray, x_label: str, valid: np.ndarray) -> Plot:
+    # Contrast changes multiply from frame to frame; a change is shown in per cent of the frame before.
+    return Plot(
+        "Change of light from frame to frame",
+        time_plot(
+            x,
+            [Curve("contrast", 100 * (motion["gain"] - 1.0))],
+            title="change of contrast over time",
+            y_label="%",
+            x_label=x_label,
+            valid=valid,
+            y_least=2.0,
+        ),
+        "What the displacement allows for; without it, a change of light would be taken for motion.",
+    )
+
+
+def _velocity_plots(outputs: Outputs) -> list[Plot]:
+    if "velocity" not in outputs.series or len(outputs.series["velocity"]) < 2:
+        return []
+    velocity, track = outputs.series["velocity"], outputs.series["track"]
+    x, x_label = _abscissa(velocity)
+    valid = np.isfinite(velocity["vx_m_s"])
+    valid[0] = True
+    return [
+        Plot(
+            "Velocity of the camera over the ground",
+            time_plot(
+                x,
+                [
+                    Curve("vx, right", velocity["vx_m_s"], velocity["vx_std_m_s"]),
+                    Curve("vy, down in the picture", velocity["vy_m_s"], velocity["vy_std_m_s"]),
+                    Curve("vz, along the line of sight", velocity["vz_m_s"], velocity["vz_std_m_s"]),
+                ],
+                title="velocity over time",
+                y_label="m/s",
+                x_label=x_label,
+                valid=valid,
+                y_least=1e-3,
+            ),
+            "In the camera's axes: a camera that moves to its right has vx above 0 while the picture flows to the left."
+            " Bands are one standard deviation.",
+        ),
+        Plot(
+            "Path over the ground",
+            path_plot(track["x_m"], track["y_m"], title="path over the ground", x_label="x in m", y_label="y in m"),
+            "Sum of velocity times time, in the camera's axes at the start. Across a gap the way is not known: the next"
+            " piece is set on where the one before ended.",
+        ),
+    ]
+
+
+def _tables(outputs: Outputs, files: Mapping[str, Path]) -> list[Table]:
+    tables = [_validity(outputs), *_objects(outputs)]
+    rows = [(path.name, _size(path), _FILES.get(name, "")) for name, path in files.items()]
+    tables.append(Table("Files", ("file", "size", "what it holds"), rows, numbers=frozenset({1})))
+    meaning = [
+        (f"{name}.csv", column, text)
+        for name, names in (
+            ("motion", columns.MOTION),
+            ("objects", columns.OBJECTS),
+            ("velocity", columns.VELOCITY),
+            ("track", columns.TRACK),
+        )
+        if name in files
+        for column, text in names.items()
+    ]
+    tables.append(Table("Columns of the tables", ("file", "column", "meaning"), meaning))
+    return tables
+
+
+def _validity(outputs: Outputs) -> Table:
+    """Say for each estimator how many frames it could measure, and at which frames not, and why."""
+    rows: list[tuple[str, ...]] = []
+    for name, series, column in (
+        ("displacement", "motion", "status"),
+        ("moving and static", "motion", "segmentation_status"),
+        ("velocity", "velocity", "status"),
+    ):
+        if series not in outputs.series:
+            continue
+        data = outputs.series[series]
+        words = np.array(data.words(column))
+        for status, count in data.counts(column).items():
+            if status:
+                rows.append((name, status, str(count), columns.meaning(status), runs(data["frame"], words == status)))
+    return Table(
+        "What was measured and what was not",
+        ("", "status", "frames", "meaning", "which"),
+        rows,
+        "What cannot be measured is nan in the tables with an infinite standard deviation: never zero, never a guess.",
+        frozenset({2}),
+    )
+
+
+def _objects(outputs: Outputs) -> list[Table]:
+    """List the moving things that were seen longest."""
+    data = outputs.series["objects"]
+    if not len(data):
+        return []
+    ids = data["id"]
+    rows = []
+    for number in np.unique(ids):
+        at = ids == number
+        frames = data["frame"][at]
+        rows.append(
+            (int(at.sum()), int(number), int(frames.min()), int(frames.max()), float(data["area_px"][at].mean()))
+        )
+    rows.sort(key=lambda row: (-row[0], row[1]))
+    shown = [
+        (str(number), str(count), f"{first} to {last}", f"{area:.0f}") for count, number, first, last, area in rows[:20]
+    ]
+    caption = f"{len(rows)} in all" + ("; the 20 that were seen longest:" if len(rows) > 20 else ":")
+    return [Table("Moving things", ("id", "frames", "seen", "mean area in px"), shown, caption, frozenset({0, 1, 3}))]
+
+
+def _size(path: Path) -> str:
+    try:
+        size = path.stat().st_size
+    except OSError:
+        return ""
+    return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{math.ceil(size / 1e3)} kB"
+
+
+def _settings(summary: Mapping[str, Any]) -> dict[str, str]:
+    settings = {"source": str(summary["source"]), **{name: str(value) for name, value in summary["settings"].items()}}
+    settings["camera motion"] = f"{summary['camera_motion']} ({summary['camera_motion_reason']})"
+    settings["times are from"] = str(summary["timestamps"])
+    settings["version"] = f"rsflow {summary['version']}, {summary['build']}"
+    settings["took"] = f"{summary['seconds']:.1f} s, {summary['threads']} threads"
+    return settings

@@ -1,0 +1,127 @@
+"""Tables that grow a row at a time and keep every finished row, whatever ends the run."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+
+__all__ = ["CsvTable", "cell", "partial_name", "working_name"]
+
+
+def partial_name(path: Path) -> Path:
+    """Name under which the unfinished result for `path` is kept: ``motion.csv`` gives ``motion.partial.csv``."""
+    return path.with_name(f"{path.stem}.partial{path.suffix}")
+
+
+def working_name(path: Path) -> Path:
+    """Name of the file that is being written for `path`: hidden, in the same folder, of this process alone."""
+    return path.with_name(f".{path.stem}.working-{os.getpid()}{path.suffix}")
+
+
+def cell(value: object) -> str:
+    """Write one value of a table: numbers with 9 significant digits, ``nan`` and ``inf`` by name.
+
+    Nine digits carry a float32 without loss and a time of days to a tenth of a millisecond.
+    """
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        if math.isfinite(value):
+            # Adding zero turns -0.0 into 0.0.
+            return f"{value + 0.0:.9g}"
+        return "nan" if math.isnan(value) else ("inf" if value > 0 else "-inf")
+    text = str(value)
+    if any(mark in text for mark in ',"\n\r'):
+        return '"' + text.replace('"', '""') + '"'
+    return text
+
+
+class CsvTable:
+    """A CSV file with fixed columns; each row is on its way to the disk when `append` returns.
+
+    Rows go to a hidden file beside `path`. `keep` gives it its final name; a row that could not be written in full
+    (a full disk) is cut off, so that the file ends with the last whole row.
+
+    Parameters
+    ----------
+    path : path
+        The final name.
+    columns : sequence of str
+        The header. Units stand in the names.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], columns: Sequence[str]) -> None:
+        self.path = Path(path)
+        self.columns = tuple(columns)
+        self.rows = 0
+        self._working = working_name(self.path)
+        self._file = self._working.open("wb", buffering=0)
+        self._end = 0
+        try:
+            self._write(",".join(self.columns))
+        except OSError:
+            self.discard()
+            raise
+
+    def append(self, row: Mapping[str, object]) -> None:
+        """Write one row; a column that `row` does not name stays empty.
+
+        Raises
+        ------
+        KeyError
+            If `row` names a column that the table does not have.
+        OSError
+            If the row cannot be written; the rows before it stay.
+        """
+        unknown = row.keys() - set(self.columns)
+        if unknown:
+            raise KeyError(f"{self.path.name} has no column {', '.join(sorted(unknown))}")
+        self._write(",".join(cell(row.get(name)) for name in self.columns))
+        self.rows += 1
+
+    def _write(self, line: str) -> None:
+        data = memoryview(f"{line}\n".encode())
+        try:
+            written = 0
+            while written < len(data):
+                # A raw write may take only a part, as it does on a disk that becomes full.
+                written += self._file.write(data[written:]) or 0
+        except OSError as error:
+            self._file.truncate(self._end)
+            self._file.seek(self._end)
+            raise OSError(error.errno, os.strerror(error.errno or 0), str(self.path)) from None
+        self._end += len(data)
+
+    def close(self) -> None:
+        """Bring what is written to the disk; the file keeps its hidden name until `keep`."""
+        if not self._file.closed:
+            os.fsync(self._file.fileno())
+            self._file.close()
+
+    def keep(self, *, complete: bool = True) -> Path:
+        """Close the table and name it: `path`, or its partial name where the run did not end well."""
+        self.close()
+        final = self.path if complete else partial_name(self.path)
+        if self._working.exists():
+            self._working.replace(final)
+        return final
+
+    def discard(self) -> None:
+        """Close the table and remove what was written."""
+        self._file.close()
+        self._working.unlink(missing_ok=True)
+
+    def __enter__(self) -> CsvTable:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.keep(complete=error is None)

@@ -1,0 +1,171 @@
+"""Motion from a running camera, a reading a frame: displacement, and velocity where camera and height are known."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import OptionError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .camera.model import Camera
+
+__all__ = ["LiveReading", "readings"]
+
+
+@dataclass(frozen=True)
+class LiveReading:
+    """The motion from the frame before to this one.
+
+    Attributes
+    ----------
+    frame : int
+        Number of the frame in the source; a gap tells how many were dropped since nobody was ready for them.
+    t_s, dt_s : float
+        Its time and the time since the frame before, in seconds.
+    dx_px, dy_px, dx_std_px, dy_std_px : float
+        Displacement of the picture with standard deviations, in pixels; NaN and infinite where it cannot be measured.
+    status : str
+        Why not, or ``ok``.
+    vx_m_s, vy_m_s, vz_m_s, vx_std_m_s, vy_std_m_s, vz_std_m_s : float or None
+        Velocity of the camera over the ground, in m/s; None without a camera.
+    velocity_status : str or None
+        As `status`, for the velocity.
+    image : (H, W) or (H, W, 3) array
+        The frame, for a viewer.
+    """
+
+    frame: int
+    t_s: float
+    dt_s: float
+    dx_px: float
+    dy_px: float
+    dx_std_px: float
+    dy_std_px: float
+    status: str
+    vx_m_s: float | None
+    vy_m_s: float | None
+    vz_m_s: float | None
+    vx_std_m_s: float | None
+    vy_std_m_s: float | None
+    vz_std_m_s: float | None
+    velocity_status: str | None
+    image: NDArray[Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give the numbers without the picture, NaN and infinity as None: what JSON can say."""
+        values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self) if item.name != "image"}
+        return {
+            name: None if isinstance(value, float) and not np.isfinite(value) else value
+            for name, value in values.items()
+        }
+
+
+def readings(
+    source: Any = 0,
+    *,
+    camera: Camera | str | os.PathLike[str] | None = None,
+    height_m: float | None = None,
+    height_std_m: float = 0.0,
+    roi: tuple[int, int, int, int] | None = None,
+    illumination: str = "gain_offset",
+    max_displacement: float | None = None,
+    timeout_s: float = 5.0,
+) -> Iterator[LiveReading]:
+    """Measure frame by frame while a camera runs, always on the newest frame.
+
+    Parameters
+    ----------
+    source : int, str or any source of `rsflow.frames`
+        A camera's index or a stream's URL; a video or a list of pictures serves for a rehearsal, without dropping.
+    camera : Camera or path, optional
+        With `height_m`: the calibrated camera, for velocities.
+    height_m, height_std_m : float
+        Distance from the ground, and its standard deviation, in metres.
+    roi : (x, y, width, height), optional
+        Part of the picture to look at, in pixels.
+    illumination : {"gain_offset", "offset", "none"}
+        Change of light that is allowed for.
+    max_displacement : float, optional
+        Longest motion between two frames to look for, in pixels.
+    timeout_s : float
+        How long to wait for a frame before `CaptureError`.
+
+    Yields
+    ------
+    LiveReading
+        From the second frame on.
+
+    Raises
+    ------
+    CaptureError
+        If the camera cannot be opened, or goes away.
+    OptionError
+        If an option is outside of what it allows.
+
+    Examples
+    --------
+    >>> from rsflow import live, synthetic
+    >>> flight = synthetic.flight(frames=3, velocity_m_s=(0.02, 0.0, 0.0), seed=1)
+    >>> [(reading.frame, round(reading.dx_px, 1)) for reading in live.readings(list(flight.images))]
+    [(1, -0.6), (2, -0.6)]
+    """
+    from . import estimate_shift, frames
+    from .extraction.rows import status_word
+
+    if (camera is None) != (height_m is None):
+        raise OptionError("camera, height_m: a velocity needs both, got one of them")
+    estimator: Any = None
+    prev: Any = None
+    with frames(source, color=True, roi=roi, timeout_s=timeout_s) as stream:
+        for frame in stream:
+            if estimator is None and camera is not None:
+                from .extraction.metric import fitting_camera
+                from .velocity import VelocityEstimator
+
+                fitted, _ = fitting_camera(camera, stream, roi)
+                estimator = VelocityEstimator(fitted, height_m=height_m, height_std_m=height_std_m)
+            velocity = None if estimator is None else estimator.update(frame.image, frame.t_s)
+            if prev is not None:
+                shift = estimate_shift(
+                    prev.image, frame.image, illumination=illumination, max_displacement=max_displacement
+                )
+                std = np.sqrt(np.diag(shift.covariance))
+                yield LiveReading(
+                    frame=frame.index,
+                    t_s=frame.t_s,
+                    dt_s=frame.t_s - prev.t_s,
+                    dx_px=float(shift.dx),
+                    dy_px=float(shift.dy),
+                    dx_std_px=float(std[0]),
+                    dy_std_px=float(std[1]),
+                    status=status_word(shift.status),
+                    **_velocity_fields(velocity),
+                    image=frame.color if frame.color is not None else frame.image,
+                )
+            prev = frame
+
+
+def _velocity_fields(velocity: Any) -> dict[str, Any]:
+    from .extraction.rows import status_word
+
+    if velocity is None:
+        names = ("vx_m_s", "vy_m_s", "vz_m_s", "vx_std_m_s", "vy_std_m_s", "vz_std_m_s", "velocity_status")
+        return dict.fromkeys(names)
+    std = np.sqrt(np.diag(velocity.covariance))
+    return {
+        "vx_m_s": float(velocity.vx_m_s),
+        "vy_m_s": float(velocity.vy_m_s),
+        "vz_m_s": float(velocity.vz_m_s),
+        "vx_std_m_s": float(std[0]),
+        "vy_std_m_s": float(std[1]),
+        "vz_std_m_s": float(std[2]),
+        "velocity_status": status_word(velocity.status),
+    }

@@ -1,0 +1,244 @@
+"""The command line: overview, errors on one line, exit codes, and the commands that need no estimator of their own."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from rsflow import cli, synthetic
+from rsflow.cli import COMMANDS, main
+
+
+def lines_of(capsys):
+    out, err = capsys.readouterr()
+    return out, err.splitlines()
+
+
+def test_overview_imports_nothing_heavy():
+    code = (
+        "import sys, rsflow.cli; rc = rsflow.cli.main(['--help']);"
+        "heavy = {'cv2', 'matplotlib', 'tqdm', 'av', 'yaml'} & set(sys.modules); print(rc, sorted(heavy))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("0 []\n"), done.stdout
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_every_command_is_listed_and_teaches(name, capsys):
+    assert main(["--help"]) == 0
+    assert f"\n  {name} " in capsys.readouterr().out
+    assert main([name, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert f"rsflow {name}" in text
+    assert "example" in text
+    assert main(["help", name]) == 0
+    assert capsys.readouterr().out == text
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("rsflow ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], ["a command is needed", "extract"]),
+        (["extrct"], ["there is no command 'extrct'", "did you mean 'extract'"]),
+        (["zzz"], ["there is no command 'zzz'", "rsflow --help"]),
+        (["extract"], ["the following arguments are required", "SOURCE"]),
+        (["extract", "a.mp4", "-o", "b", "--heigth", "1"], ["--heigth", "did you mean '--height'"]),
+        (["extract", "a.mp4", "-o", "b", "--roi", "1,2"], ["expected x,y,width,height", "'1,2'"]),
+        (["extract", "a.mp4", "-o", "b", "--preset", "best"], ["invalid choice", "balanced"]),
+        (["extract", "a.mp4", "-o", "b", "--height", "1", "--height-csv", "h.csv"], ["not allowed with"]),
+        (["demo", "--frames", "3"], ["at least 10"]),
+    ],
+)
+def test_wrong_usage_is_one_line_and_exit_code_2(arguments, words, capsys):
+    assert main(arguments) == 2
+    out, err = lines_of(capsys)
+    assert out == ""
+    assert len(err) == 1, err
+    for word in words:
+        assert word in err[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["extract", "missing.mp4", "-o", "out"], ["rsflow extract: ", "missing.mp4"]),
+        (["extract", "missing.mp4", "-o", "out", "--height", "1"], ["height_m", "camera"]),
+        (["live", "missing.mp4"], ["rsflow live: ", "missing.mp4"]),
+        (["live", "missing.mp4", "--height", "1"], ["camera, height_m", "both"]),
+    ],
+)
+def test_failures_are_one_line_and_exit_code_1(arguments, words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 1
+    _, err = lines_of(capsys)
+    assert len(err) == 1, err
+    for word in words:
+        assert word in err[0]
+    assert list(tmp_path.iterdir()) == []
+
+
+def command_that(raises, monkeypatch):
+    class Module:
+        DESCRIPTION = "x"
+
+        @staticmethod
+        def add_arguments(parser):
+            pass
+
+        @staticmethod
+        def run(args):
+            raise raises
+
+    monkeypatch.setitem(cli.COMMANDS, "probe", ("probe_module", "x"))
+    monkeypatch.setitem(sys.modules, "probe_module", Module)
+
+
+def test_a_fault_of_the_program_is_one_line_too(capsys, monkeypatch):
+    command_that(ZeroDivisionError("division\nby zero"), monkeypatch)
+    assert main(["probe"]) == 1
+    _, err = lines_of(capsys)
+    assert err == [
+        "rsflow probe: internal error, ZeroDivisionError: division by zero "
+        "(a fault of rsflow; RSFLOW_TRACEBACK=1 shows where)"
+    ]
+    monkeypatch.setenv("RSFLOW_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError):
+        main(["probe"])
+
+
+def test_errors_of_the_system_name_the_file(capsys, monkeypatch):
+    command_that(FileNotFoundError(2, "No such file or directory", "a/b.yaml"), monkeypatch)
+    assert main(["probe"]) == 1
+    assert lines_of(capsys)[1] == ["rsflow probe: a/b.yaml: No such file or directory"]
+
+
+def test_interrupt_is_exit_code_130(capsys, monkeypatch):
+    command_that(KeyboardInterrupt(), monkeypatch)
+    assert main(["probe"]) == 130
+    assert lines_of(capsys)[1] == ["rsflow probe: interrupted"]
+
+
+def test_a_reader_that_goes_away_is_no_error(tmp_path):
+    command = f"{sys.executable} -m rsflow doctor --json | head -c 1 > /dev/null; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+# --- doctor ---------------------------------------------------------------------------------------------------------
+
+
+def test_doctor_is_well_here(capsys):
+    assert main(["doctor"]) == 0
+    text = capsys.readouterr().out
+    for word in ("rsflow", "opencv", "test shift", "test dense flow", "test points", "ms for 320 x 240"):
+        assert word in text
+    assert text.endswith("all is well\n")
+
+
+def test_doctor_as_json(capsys):
+    assert main(["doctor", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["wrong"] == []
+    assert found["opencv"]["wheels"]
+    assert {check["passed"] for check in found["self_test"].values()} == {True}
+
+
+def test_doctor_names_a_clash_of_wheels(capsys, monkeypatch):
+    from rsflow.cli import doctor
+
+    versions = {"opencv-python": "4.10.0.84", "opencv-python-headless": "5.0.0.93"}
+    monkeypatch.setattr(doctor, "_version", lambda name: versions.get(name, "1.0" if "opencv" not in name else None))
+    monkeypatch.setattr(doctor, "self_test", dict)
+    assert main(["doctor"]) == 1
+    text = capsys.readouterr().out
+    assert "wrong: 2 OpenCV wheels overwrite each other" in text
+    assert "pip uninstall -y opencv-python opencv-python-headless" in text
+
+
+def test_doctor_tells_a_wrong_measurement(capsys, monkeypatch):
+    from rsflow.cli import doctor
+
+    bad = {"shift": {"error_px": 0.7, "time_ms": 1.0, "passed": False}}
+    monkeypatch.setattr(doctor, "self_test", lambda: bad)
+    assert main(["doctor"]) == 1
+    assert "wrong: self-test of shift: off by 0.700 px" in capsys.readouterr().out
+
+
+# --- live -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    """A short flight to the right as numbered pictures, its camera beside it."""
+    import cv2
+
+    folder = tmp_path_factory.mktemp("clip")
+    flight = synthetic.flight(frames=5, velocity_m_s=(0.03, 0.01, 0.0), seed=2)
+    for index, image in enumerate(flight.images):
+        cv2.imwrite(str(folder / f"{index:03d}.png"), image)
+    flight.camera.save(folder / "camera.json")
+    return folder
+
+
+def test_live_prints_a_line_a_frame(clip, capsys):
+    assert main(["live", f"{clip}/*.png", "--frames", "3"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["frame", "t_s", "dx_px", "dy_px", "std_px", "status"]
+    assert len(lines) == 4
+    # 0.03 m/s * 180 px / 0.2 m / 30 Hz to the left.
+    assert float(lines[1].split()[2]) == pytest.approx(-0.9, abs=0.05)
+
+
+def test_live_as_json_lines(clip, capsys):
+    assert main(["live", f"{clip}/*.png", "--json"]) == 0
+    found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [reading["frame"] for reading in found] == [1, 2, 3, 4]
+    assert found[0]["status"] == "ok"
+    assert found[0]["vx_m_s"] is None
+
+
+def test_live_measures_velocity_with_camera_and_height():
+    from rsflow import live
+
+    flight = synthetic.flight(frames=4, velocity_m_s=(0.03, 0.01, 0.0), seed=2)
+    pairs = list(zip(flight.images, flight.t_s, strict=True))
+    found = list(live.readings(pairs, camera=flight.camera, height_m=0.2))
+    assert [reading.velocity_status for reading in found] == ["ok"] * 3
+    np.testing.assert_allclose([reading.vx_m_s for reading in found], 0.03, atol=1e-3)
+    np.testing.assert_allclose([reading.vy_m_s for reading in found], 0.01, atol=1e-3)
+
+
+def test_live_says_that_a_headless_opencv_has_no_window(clip, capsys, monkeypatch):
+    from rsflow.cli import doctor
+
+    monkeypatch.setattr(doctor, "opencv_windows", lambda: "NONE")
+    assert main(["live", f"{clip}/*.png", "--window"]) == 1
+    _out, err = lines_of(capsys)
+    assert len(err) == 1
+    assert "headless and has no windows" in err[0]
+    assert "pip install opencv-python" in err[0]
+
+
+def test_interrupted_live_ends_with_130(clip):
+    code = (
+        "import sys, os, signal, rsflow.live as live\n"
+        "from rsflow.cli import main\n"
+        "real = live.readings\n"
+        "def slow(*a, **k):\n"
+        "    for reading in real(*a, **k):\n"
+        "        yield reading\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "live.readings = slow\n"
+        f"sys.exit(main(['live', {os.fspath(clip) + '/*.png'!r}]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "rsflow live: interrupted\n")
+    assert len(done.stdout.splitlines()) == 2
