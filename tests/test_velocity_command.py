@@ -149,6 +149,18 @@ def test_usage(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
+def test_output_that_cannot_be_written_is_said_before_the_work(
+    flown: tuple[Path, Flight], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _ = flown
+    (tmp_path / "file").write_text("not a folder", encoding="utf-8")
+    arguments = ["velocity", str(folder / "*.png"), "--frame-rate", "20", "--camera", str(folder / "cam.json")]
+    assert cli.main([*arguments, "--height", "0.2", "-o", str(tmp_path / "file")]) == 1
+    error = capsys.readouterr().err
+    assert str(tmp_path / "file") in error
+    assert len(error.splitlines()) == 1
+
+
 def test_heights_between_and_outside(tmp_path: Path) -> None:
     path = tmp_path / "h.csv"
     path.write_text("\ufefft_s,note,height_m\n0,a,1.0\n\n2,b,2.0\n3,c,\n", encoding="utf-8")

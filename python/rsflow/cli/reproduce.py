@@ -117,7 +117,8 @@ def _displacements(tables: list[SyntheticMotion], origin: str) -> str:
 
 
 def _pair(values: Any) -> str:
-    return "-" if values[0] != values[0] else f"{values[0] + 0.0:.4f}, {values[1] + 0.0:.4f}"
+    # Adding zero turns -0.0 into 0.0.
+    return "-" if values[0] != values[0] else ", ".join(f"{round(float(value), 4) + 0.0:.4f}" for value in values)
 
 
 def _conditions(tables: list[SyntheticMotion]) -> str:

@@ -39,7 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     height.add_argument("--height-csv", metavar="FILE", help="heights: columns t_s,height_m or frame,height_m")
     parser.add_argument("--height-std", type=float, default=0.0, metavar="M", help="standard deviation of the height")
     parser.add_argument("-o", "--output", default=".", metavar="OUT", help="folder for the files (default: this one)")
-    parser.add_argument("--rate", type=float, metavar="HZ", help="frames per second, for pictures without times")
+    parser.add_argument(
+        "--rate", "--frame-rate", type=float, metavar="HZ", help="frames per second, for pictures without times"
+    )
     parser.add_argument("--start", type=int, metavar="N", help="first frame (counted from 0)")
     parser.add_argument("--stop", type=int, metavar="N", help="end before this frame")
     parser.add_argument("--stride", type=int, default=1, metavar="N", help="take every Nth frame")
