@@ -224,19 +224,22 @@ class VelocityEstimator:
         fit = plane.fit(self._points(flow, spread), interval, overlap=shared)
         if fit is not None and (len(fit.terms) > 2 or interval.turn.any()):
             # The windows grow or turn: their displacement is that of a place off their middle.
-            flow = flow.moved(centers(prev, flow.before, flow.window))
+            places = flow.moved(centers(prev, flow.before, flow.window))
+            known = np.asarray(np.isfinite(self._rays(places)).all(axis=(0, 2)))
+            flow = flow.moved(np.where(known[:, None], places.before, flow.before))
             fit = plane.fit(self._points(flow, spread), interval, overlap=shared)
         if fit is None:
             return unmeasured(VelocityStatus.TOO_FEW_POINTS, t_s, interval.dt_s, moved)
         if fit.inliers.sum() < max(_LEAST_POINTS, 0.5 * len(flow.after)):
             status = VelocityStatus.INCONSISTENT if flow.related else VelocityStatus.SCENE_CUT
             return unmeasured(status, t_s, interval.dt_s, moved)
-        parts = {"displacement": fit.covariance, **self._parts(self._rays(flow), spread, interval, fit, height_std)}
+        common = np.array([_COMMON_PX / self.camera.fx, _COMMON_PX / self.camera.fy, 0.0])
+        displacement = fit.covariance + np.diag((common * interval.height_m / interval.dt_s) ** 2)
+        parts = {"displacement": displacement, **self._parts(self._rays(flow), spread, interval, fit, height_std)}
         R = self.R_body_from_camera
         # An infinite variance of Vz must stay infinite, and must not make NaN of the others, under the rotation.
         parts = {name: _rotated(R, part) for name, part in parts.items()}
-        known = np.where(np.isfinite(fit.velocity), fit.velocity, 0.0)
-        velocity = R @ known
+        velocity = R @ np.where(np.isfinite(fit.velocity), fit.velocity, 0.0)
         velocity[np.isinf(np.diag(parts["displacement"]))] = np.nan
         arm = np.cross(np.full(3, np.nan) if rate is None else rate, self.lever_arm_m)
         moved = np.median((flow.after - flow.before)[fit.inliers], axis=0)
@@ -320,6 +323,9 @@ class VelocityEstimator:
 
 # The fewest points that a velocity is fitted to: twice the unknowns of the largest model, and a few to judge it by.
 _LEAST_POINTS = 6
+# Deviation in pixels of what all points of a pair have in common, since all lie at one sub-pixel phase: the error of
+# interpolation does not average out. Measured on flights over the finest texture.
+_COMMON_PX = 0.001
 
 
 def _rotated(R: F64, covariance: F64) -> F64:
