@@ -119,9 +119,12 @@ class MotionSegmentation:
         ShapeError
             If the picture is not of the frame's size.
         """
-        out = self._canvas(picture)
-        grey = out.mean(axis=2, keepdims=True)
-        np.copyto(out, (grey * 0.35).astype(np.uint8), where=~self.moving[..., None])
+        import cv2
+
+        shown = self._canvas(picture)
+        grey = cv2.convertScaleAbs(cv2.cvtColor(shown, cv2.COLOR_BGR2GRAY), alpha=0.35)
+        out: NDArray[np.uint8] = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+        cv2.copyTo(shown, self.moving.view(np.uint8), out)
         if boxes:
             self._draw_boxes(out)
         return out
@@ -147,14 +150,13 @@ class MotionSegmentation:
         import cv2
 
         out = self._canvas(picture)
-        away = cv2.dilate(self.moving.view(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
-        known = np.isfinite(self.background)
+        # Only what is replaced is looked at: most of a picture stands still.
+        rows, columns = np.nonzero(cv2.dilate(self.moving.view(np.uint8), np.ones((5, 5), np.uint8)))
+        behind = self.background[rows, columns]
         low, high = (0.0, 255.0) if self.image.dtype == np.uint8 else _drawing.display_range(self.image)
-        filled = np.clip((np.nan_to_num(self.background) - low) * (255.0 / max(high - low, 1e-6)), 0, 255)
-        np.copyto(out, filled.astype(np.uint8)[..., None], where=(away & known)[..., None])
-        y, x = np.indices(away.shape)
-        hatching = np.where((x + y) % 8 < 2, 110, 70).astype(np.uint8)
-        np.copyto(out, hatching[..., None], where=(away & ~known)[..., None])
+        filled = np.clip((np.nan_to_num(behind) - low) * (255.0 / max(high - low, 1e-6)), 0, 255)
+        hatching = np.where((rows + columns) % 8 < 2, 110, 70)
+        out[rows, columns] = np.where(np.isfinite(behind), filled, hatching).astype(np.uint8)[:, None]
         return out
 
     def _canvas(self, picture: NDArray[Any] | None) -> NDArray[np.uint8]:
