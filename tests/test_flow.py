@@ -46,8 +46,8 @@ def test_light_changes_nothing_and_is_reported() -> None:
     assert error(field, 1.5, 1.0) < 0.08
     assert field.gain.shape == field.offset.shape == (120, 160)
     assert field.gain.dtype == field.offset.dtype == np.float32
-    assert abs(float(np.median(field.gain)) - 0.8) < 0.03
-    assert abs(float(np.median(field.offset)) - 20) < 4
+    assert abs(float(np.median(field.gain)) - 0.8) < 0.06
+    assert abs(float(np.median(field.offset)) - 20) < 8
     steady = rsflow.dense_flow(scene(), scene(), illumination="offset")
     assert (steady.gain == 1).all()
     assert (steady.offset == 0).all()

@@ -43,12 +43,15 @@ class FlowField:
 
     @cached_property
     def gain(self) -> NDArray[np.float32]:
-        """Gain of the light, ``next = gain * prev + offset`` on the average of a region, shape (H, W)."""
+        """Gain of the light, ``next = gain * prev + offset``, to about 5 %, shape (H, W); 1 where light is steady."""
         return self._at_every_pixel(self._light[0])
 
     @cached_property
     def offset(self) -> NDArray[np.float32]:
-        """Offset of the light in grey levels, shape (H, W); what differs within small windows is not in it."""
+        """Offset of the light that belongs to `gain`, in grey levels, shape (H, W).
+
+        An offset alone is taken out window by window and may not be found here.
+        """
         return self._at_every_pixel(self._light[1])
 
     @cached_property

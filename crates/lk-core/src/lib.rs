@@ -22,7 +22,8 @@ mod track;
 
 pub use corners::{Corner, CornerDetector, CornerOptions, detect_corners};
 pub use dense::{
-    DenseFlow, DenseHints, DenseOptions, FlowField, LevelRecipe, Preset, Recipe, dense_flow,
+    DenseFlow, DenseHints, DenseOptions, FlowField, LevelRecipe, Preset, Recipe, RefineRecipe,
+    dense_flow,
 };
 pub use error::{Error, Result};
 pub use execution::Execution;

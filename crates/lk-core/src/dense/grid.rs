@@ -46,6 +46,18 @@ impl Grid {
         &self.data[y * self.stride..(y + 1) * self.stride]
     }
 
+    /// The rows above, at and below `y`, with their room; the border repeats.
+    pub(super) fn near(&self, y: usize) -> [&[f32]; 3] {
+        [y.saturating_sub(1), y, (y + 1).min(self.height - 1)].map(|y| self.padded(y))
+    }
+
+    /// Take size and content of `other`.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.resize(other.width, other.height);
+        let size = self.stride * self.height;
+        self.data[..size].copy_from_slice(&other.data[..size]);
+    }
+
     /// Row `y`.
     #[inline(always)]
     pub(super) fn row(&self, y: usize) -> &[f32] {

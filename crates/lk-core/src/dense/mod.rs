@@ -1,16 +1,19 @@
 //! Dense flow: where every pixel went.
 //!
-//! Coarse to fine. On each level the light of `prev` is brought to that of `next` ([`light`]), then a few
-//! Lucas-Kanade steps over all pixels ([`step`]), after each of which a pixel may take the flow of a neighbour whose
-//! window fits better ([`select`]) and a median removes what stands out ([`median`]). At the end every window is
-//! judged once more ([`assess`]).
+//! Coarse to fine ([`descend`]). On each level a few Lucas-Kanade steps over all pixels ([`step`]), after each of which
+//! a pixel may take the flow of a neighbour whose window fits better ([`select`]) and a median removes what stands out
+//! ([`median`]); then a variational refinement ([`refine`]). The mean of each window is taken out, so that an offset of
+//! the light does no harm; where light has changed by more than that, `prev` is first brought to the light of `next`
+//! ([`light`]). At the end every window is judged once more ([`assess`]).
 
 mod assess;
+mod descend;
 mod field;
 mod grid;
 mod light;
 mod median;
 mod options;
+mod refine;
 mod scratch;
 mod select;
 mod step;
@@ -25,20 +28,14 @@ use crate::illumination::Illumination;
 use crate::pyramid::Pyramid;
 
 pub use field::FlowField;
-pub use options::{DenseHints, DenseOptions, LevelRecipe, Preset, Recipe};
+pub use options::{DenseHints, DenseOptions, LevelRecipe, Preset, Recipe, RefineRecipe};
 
-use grid::Grid;
-use light::Light;
-use step::{StepInput, StepOptions};
+use descend::{Descent, Memory};
+use step::StepInput;
 
 /// A level is not halved below this, in pixels of its shorter side: the windows of the coarsest level must stay small
 /// beside it.
 const SMALLEST: usize = 16;
-
-/// Light is estimated on levels of at most this many pixels along the longer side, and carried over to finer ones.
-const LIGHT_SIZE: usize = 200;
-/// Half the windows of its trend over the picture, and of what differs locally, in pixels of those levels.
-const LIGHT_RADII: (usize, usize) = (3, 8);
 
 /// Dense flow from frame to frame; keeps its memory and the pyramid of the frame before.
 ///
@@ -74,16 +71,6 @@ struct Source {
     pyramid: Pyramid,
     /// 1 where the frame is finite; of no size where it is everywhere.
     finite: Plane,
-}
-
-/// Planes that are kept from call to call.
-#[derive(Debug, Default)]
-struct Memory {
-    flow: [Grid; 2],
-    spare: [Grid; 2],
-    energy: Grid,
-    light: Light,
-    weights: Vec<Plane>,
 }
 
 /// Dense flow of one pair.
@@ -202,7 +189,6 @@ impl DenseFlow {
             memory,
             ..
         } = self;
-        let execution = &options.execution;
         let base = &prev.pyramid.levels()[0];
         let (width, height) = (base.width(), base.height());
         field.reset(width, height);
@@ -214,93 +200,17 @@ impl DenseFlow {
         if weighted {
             weights::pyramid(hints.mask, finite, &prev.pyramid, &mut memory.weights);
         }
-        let count = prev.pyramid.levels().len();
-        let coarsest = memory.start(&prev.pyramid, hints);
-        let mut lit = count;
-        for level in (0..=coarsest).rev() {
-            execution.check()?;
-            let Memory {
-                flow,
-                spare,
-                energy,
-                light,
-                weights,
-            } = &mut *memory;
-            let weight = weighted.then(|| &weights[level]);
-            let plane = &prev.pyramid.levels()[level];
-            if level < coarsest {
-                for (flow, spare) in flow.iter_mut().zip(&mut *spare) {
-                    upsample::upsample(flow, (plane.width(), plane.height()), spare, execution)?;
-                    std::mem::swap(flow, spare);
-                }
-            }
-            let centred = options.illumination != Illumination::None;
-            if options.illumination == Illumination::GainOffset {
-                if level == coarsest || plane.width().max(plane.height()) <= LIGHT_SIZE {
-                    let [u, v] = &*flow;
-                    let input = StepInput {
-                        prev: plane,
-                        next: &next.pyramid.levels()[level],
-                        u,
-                        v,
-                        weight,
-                    };
-                    light.estimate(input, LIGHT_RADII.0, LIGHT_RADII.1, execution.simd_level());
-                    lit = level;
-                }
-                light.apply(&mut prev.pyramid.levels_mut()[level], lit - level);
-            }
-            let recipe = options.recipe.levels[level.min(2)];
-            let step_options = StepOptions {
-                radius: recipe.radius,
-                centred,
-                damping: options.recipe.damping,
-                longest: options.recipe.longest,
-            };
-            let (a, b) = (&prev.pyramid.levels()[level], &next.pyramid.levels()[level]);
-            for _ in 0..recipe.steps {
-                execution.check()?;
-                let [u, v] = flow;
-                let [to_u, to_v] = spare;
-                let input = StepInput {
-                    prev: a,
-                    next: b,
-                    u,
-                    v,
-                    weight,
-                };
-                step::step(
-                    input,
-                    &step_options,
-                    (&mut *to_u, &mut *to_v, &mut *energy),
-                    execution,
-                )?;
-                if recipe.distance > 0 {
-                    let better = options.recipe.better;
-                    select::select(
-                        (to_u, to_v),
-                        energy,
-                        recipe.distance,
-                        better,
-                        (&mut *u, &mut *v),
-                        execution,
-                    )?;
-                } else {
-                    std::mem::swap(u, to_u);
-                    std::mem::swap(v, to_v);
-                }
-                if recipe.median > 0 {
-                    for (from, to) in [(&mut *u, &mut *to_u), (&mut *v, &mut *to_v)] {
-                        median::median(from, recipe.median, to, execution)?;
-                        std::mem::swap(from, to);
-                    }
-                }
-            }
-        }
-        if options.illumination == Illumination::GainOffset {
+        let mut descent = Descent {
+            options,
+            prev: &mut prev.pyramid,
+            next: &next.pyramid,
+            weighted,
+            memory: &mut *memory,
+        };
+        if let Some(halvings) = descent.run(hints)? {
             field.gain.clone_from(&memory.light.gain);
             field.offset.clone_from(&memory.light.offset);
-            field.halvings = lit;
+            field.halvings = halvings;
         }
         let Memory {
             flow: [u, v],
@@ -320,41 +230,8 @@ impl DenseFlow {
             bad,
             options.illumination != Illumination::None,
             field,
-            execution,
+            &options.execution,
         )
-    }
-}
-
-impl Memory {
-    /// Set the flow on the level to begin with, and return that level.
-    fn start(&mut self, pyramid: &Pyramid, hints: DenseHints<'_>) -> usize {
-        let coarsest = pyramid.levels().len() - 1;
-        let level = match hints.initial {
-            Some(_) => coarsest.min(2),
-            None => coarsest,
-        };
-        let plane = &pyramid.levels()[level];
-        for (axis, grid) in self.flow.iter_mut().enumerate() {
-            grid.resize(plane.width(), plane.height());
-            grid.fill(0.0);
-            let Some(initial) = hints.initial else {
-                continue;
-            };
-            let scale = 1usize << level;
-            for y in 0..plane.height() {
-                let row = grid.padded_mut(y);
-                for x in 0..plane.width() {
-                    let value = initial[(y * scale, x * scale, axis)];
-                    row[grid::PAD + x] = if value.is_finite() {
-                        value / scale as f32
-                    } else {
-                        0.0
-                    };
-                }
-                grid::extend(row, plane.width());
-            }
-        }
-        level
     }
 }
 

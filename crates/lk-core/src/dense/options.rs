@@ -6,6 +6,8 @@ use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::illumination::Illumination;
 
+pub use super::refine::RefineRecipe;
+
 /// How much time dense flow takes for how much accuracy.
 ///
 /// ```
@@ -66,6 +68,8 @@ pub struct LevelRecipe {
     pub distance: usize,
     /// Size of the median after each step: 3, 5, or 0 for none.
     pub median: usize,
+    /// Whether the level ends with a variational refinement.
+    pub refine: bool,
 }
 
 /// The constants behind a preset.
@@ -79,28 +83,64 @@ pub struct Recipe {
     pub damping: f32,
     /// The longest step along each axis, in pixels of the level.
     pub longest: f32,
+    /// The refinement of the levels that have one.
+    pub refine: RefineRecipe,
+}
+
+impl Default for RefineRecipe {
+    fn default() -> Self {
+        Self {
+            rounds: 2,
+            sweeps: 4,
+            radius: 2,
+            alpha: 0.7,
+            ground: 4.0,
+            data_epsilon: 0.1,
+            smooth_epsilon: 0.005,
+            edge: 20.0,
+            relaxation: 1.6,
+        }
+    }
 }
 
 impl Recipe {
     /// The recipe of `preset`.
     #[must_use]
     pub fn new(preset: Preset) -> Self {
-        let level = |steps, median| LevelRecipe {
+        let level = |steps, median, refine| LevelRecipe {
             steps,
             radius: 3,
             distance: 3,
             median,
+            refine,
         };
-        let levels = match preset {
-            Preset::Fast => [level(1, 3), level(2, 3), level(3, 5)],
-            Preset::Balanced => [level(1, 5), level(3, 5), level(3, 5)],
-            Preset::Accurate => [level(3, 5); 3],
+        let (levels, rounds, sweeps) = match preset {
+            Preset::Fast => (
+                [level(1, 3, false), level(1, 3, true), level(3, 3, true)],
+                1,
+                4,
+            ),
+            Preset::Balanced => (
+                [level(1, 3, true), level(2, 5, true), level(4, 5, true)],
+                2,
+                4,
+            ),
+            Preset::Accurate => (
+                [level(3, 5, true), level(3, 5, true), level(4, 5, true)],
+                5,
+                6,
+            ),
         };
         Self {
             levels,
             better: 0.9,
-            damping: 1.0,
-            longest: 1.0,
+            damping: 0.3,
+            longest: 0.7,
+            refine: RefineRecipe {
+                rounds,
+                sweeps,
+                ..RefineRecipe::default()
+            },
         }
     }
 }
@@ -187,10 +227,23 @@ impl DenseOptions {
                 return Err(Error::option("median", level.median, "0, 3 or 5"));
             }
         }
+        if !(1..=3).contains(&self.recipe.refine.radius) {
+            return Err(Error::option(
+                "refine.radius",
+                self.recipe.refine.radius,
+                "1, 2 or 3",
+            ));
+        }
         let positive = [
             ("better", self.recipe.better),
             ("damping", self.recipe.damping),
             ("longest", self.recipe.longest),
+            ("refine.alpha", self.recipe.refine.alpha),
+            ("refine.ground", self.recipe.refine.ground),
+            ("refine.data_epsilon", self.recipe.refine.data_epsilon),
+            ("refine.smooth_epsilon", self.recipe.refine.smooth_epsilon),
+            ("refine.edge", self.recipe.refine.edge),
+            ("refine.relaxation", self.recipe.refine.relaxation),
         ];
         for (name, value) in positive {
             if !(value > 0.0 && value.is_finite()) {

@@ -248,6 +248,18 @@ impl<'a> Band<'a> {
                     grid::extend(row, width);
                 }
             }
+            Results::Tensor(to) => {
+                dispatch_lanes(
+                    self.level,
+                    Tensor::<N> {
+                        width,
+                        stride,
+                        sums,
+                        options,
+                        to,
+                    },
+                );
+            }
             Results::Fit {
                 count,
                 texture,
@@ -277,6 +289,8 @@ pub(super) enum Results<'a> {
         v: &'a mut [f32],
         energy: &'a mut [f32],
     },
+    /// Means over the window: gx gx, gx gy, gy gy, gx d, gy d, d d.
+    Tensor([&'a mut [f32]; 6]),
     /// How many pixels count, the smaller eigenvalue of the structure tensor, and the mean squared difference.
     Fit {
         count: &'a mut [f32],
@@ -456,6 +470,38 @@ impl<const N: usize> LaneKernel for Fit<'_, N> {
             n.store(count, at);
             ((xx + yy) * half - root).max(zero).store(texture, at);
             ((dd - d * md) * per).max(zero).store(energy, at);
+        }
+    }
+}
+
+/// Sums across the window, as means.
+struct Tensor<'a, const N: usize> {
+    width: usize,
+    stride: usize,
+    sums: &'a [f32],
+    options: StepOptions,
+    to: [&'a mut [f32]; 6],
+}
+
+impl<const N: usize> LaneKernel for Tensor<'_, N> {
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let [to_xx, to_xy, to_yy, to_xd, to_yd, to_dd] = self.to;
+        let centre = s.splat(if self.options.centred { 1.0 } else { 0.0 });
+        let one = s.splat(1.0);
+        for x in (0..self.width).step_by(LANES) {
+            let at = PAD + x;
+            let [n, gx, gy, d, xx, xy, yy, xd, yd, dd] =
+                across::<S, N>(s, self.sums, self.stride, at);
+            let per = one / n.max(one);
+            let scaled = per * centre;
+            let (mx, my, md) = (gx * scaled, gy * scaled, d * scaled);
+            ((xx - gx * mx) * per).store(to_xx, at);
+            ((xy - gx * my) * per).store(to_xy, at);
+            ((yy - gy * my) * per).store(to_yy, at);
+            ((xd - d * mx) * per).store(to_xd, at);
+            ((yd - d * my) * per).store(to_yd, at);
+            ((dd - d * md) * per).store(to_dd, at);
         }
     }
 }

@@ -6,6 +6,8 @@ use std::sync::atomic::AtomicBool;
 use ndarray::{Array2, Array3, s};
 use proptest::prelude::*;
 
+use super::grid::Grid;
+use super::step::StepOptions;
 use super::*;
 use crate::simd::Level;
 
@@ -99,9 +101,9 @@ fn the_light_is_reported() {
     let (gain, offset, halvings) = field.light();
     let (x, y) = (gain.width() / 2, gain.height() / 2);
     assert_eq!(gain.width(), 190usize.div_ceil(1 << halvings));
-    assert!((gain.row(y)[x] - 0.8).abs() < 0.02, "{}", gain.row(y)[x]);
+    assert!((gain.row(y)[x] - 0.8).abs() < 0.05, "{}", gain.row(y)[x]);
     assert!(
-        (offset.row(y)[x] - 15.0).abs() < 3.0,
+        (offset.row(y)[x] - 15.0).abs() < 6.0,
         "{}",
         offset.row(y)[x]
     );
@@ -407,6 +409,10 @@ fn misuse_is_refused_with_a_message() {
     assert_eq!(
         bad(|recipe| recipe.damping = 0.0),
         "damping: got 0, expected a positive number"
+    );
+    assert_eq!(
+        bad(|recipe| recipe.refine.radius = 0),
+        "refine.radius: got 0, expected 1, 2 or 3"
     );
 }
 

@@ -1,0 +1,298 @@
+//! One pair of frames, from the coarsest level to the finest.
+
+use crate::error::Result;
+use crate::frame::Plane;
+use crate::illumination::Illumination;
+use crate::pyramid::Pyramid;
+
+use super::grid::{self, Grid};
+use super::light::Light;
+use super::options::{DenseHints, DenseOptions};
+use super::refine::System;
+use super::step::{StepInput, StepOptions};
+use super::{median, select, step, upsample};
+
+/// Light is estimated on levels of at most this many pixels along the longer side, and carried over to finer ones.
+const LIGHT_SIZE: usize = 100;
+/// Half the windows of its trend over the picture, and of what differs locally, in pixels of those levels. Where light
+/// has changed, all are tried: on coarse levels a wrong guess can lead the flow astray.
+const LIGHT_RADII: [(usize, usize); 4] = [(3, 8), (2, 8), (5, 12), (3, 6)];
+/// Light is taken to have changed where that leaves less than this share of the misfit.
+const CHANGED: f64 = 0.9;
+
+/// Planes that are kept from call to call.
+#[derive(Debug, Default)]
+pub(super) struct Memory {
+    pub(super) flow: [Grid; 2],
+    spare: [Grid; 2],
+    /// The best flow of the coarse levels so far, and its light.
+    best: [Grid; 2],
+    best_light: Light,
+    /// The coarse levels of `prev` as they came.
+    coarse: Vec<Plane>,
+    energy: Grid,
+    pub(super) light: Light,
+    pub(super) weights: Vec<Plane>,
+    system: System,
+}
+
+impl Memory {
+    /// How badly the windows fitted before the last step: the mean root of their energies.
+    fn misfit(&self) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for y in 0..self.energy.height() {
+            for energy in self
+                .energy
+                .row(y)
+                .iter()
+                .filter(|energy| **energy < f32::MAX)
+            {
+                sum += f64::from(energy.max(0.0).sqrt());
+                count += 1.0;
+            }
+        }
+        if count > 0.0 { sum / count } else { 0.0 }
+    }
+
+    /// Keep the flow as the best so far; what is in `flow` afterwards is unspecified.
+    fn keep_flow(&mut self) {
+        std::mem::swap(&mut self.flow, &mut self.best);
+    }
+
+    /// Set the flow on the level to begin with, and return that level.
+    fn start(&mut self, pyramid: &Pyramid, hints: DenseHints<'_>) -> usize {
+        let coarsest = pyramid.levels().len() - 1;
+        let level = match hints.initial {
+            Some(_) => coarsest.min(2),
+            None => coarsest,
+        };
+        let plane = &pyramid.levels()[level];
+        for (axis, grid) in self.flow.iter_mut().enumerate() {
+            grid.resize(plane.width(), plane.height());
+            grid.fill(0.0);
+            let Some(initial) = hints.initial else {
+                continue;
+            };
+            let scale = 1usize << level;
+            for y in 0..plane.height() {
+                let row = grid.padded_mut(y);
+                for x in 0..plane.width() {
+                    let value = initial[(y * scale, x * scale, axis)];
+                    row[grid::PAD + x] = if value.is_finite() {
+                        value / scale as f32
+                    } else {
+                        0.0
+                    };
+                }
+                grid::extend(row, plane.width());
+            }
+        }
+        level
+    }
+}
+
+/// One measurement under way.
+pub(super) struct Descent<'a> {
+    pub(super) options: &'a DenseOptions,
+    /// Its light is changed on the way.
+    pub(super) prev: &'a mut Pyramid,
+    pub(super) next: &'a Pyramid,
+    /// Whether some pixels count for nothing.
+    pub(super) weighted: bool,
+    pub(super) memory: &'a mut Memory,
+}
+
+impl Descent<'_> {
+    /// Measure all levels. Returns the level of the light's estimate, if light is found to have changed.
+    pub(super) fn run(&mut self, hints: DenseHints<'_>) -> Result<Option<usize>> {
+        let coarsest = self.memory.start(self.prev, hints);
+        let small = |plane: &Plane| plane.width().max(plane.height()) <= LIGHT_SIZE;
+        let first = self
+            .prev
+            .levels()
+            .iter()
+            .position(small)
+            .unwrap_or(coarsest)
+            .min(coarsest);
+        for level in (first..=coarsest).rev() {
+            if level < coarsest {
+                self.finer(level)?;
+            }
+            self.level(level)?;
+        }
+        let mut lit = None;
+        if self.options.illumination == Illumination::GainOffset {
+            let mut least = CHANGED * self.memory.misfit();
+            self.memory.keep_flow();
+            self.memory
+                .coarse
+                .resize_with(coarsest + 1 - first, Plane::default);
+            for (kept, plane) in self
+                .memory
+                .coarse
+                .iter_mut()
+                .zip(&self.prev.levels()[first..])
+            {
+                kept.clone_from(plane);
+            }
+            for radii in LIGHT_RADII {
+                self.memory.start(self.prev, hints);
+                for level in (first..=coarsest).rev() {
+                    if level < coarsest {
+                        self.finer(level)?;
+                    }
+                    self.relight(level, radii);
+                    self.level(level)?;
+                }
+                let misfit = self.memory.misfit();
+                for (kept, plane) in self
+                    .memory
+                    .coarse
+                    .iter()
+                    .zip(&mut self.prev.levels_mut()[first..])
+                {
+                    plane.clone_from(kept);
+                }
+                if misfit < least {
+                    least = misfit;
+                    lit = Some(first);
+                    self.memory.keep_flow();
+                    let Memory {
+                        light, best_light, ..
+                    } = &mut *self.memory;
+                    std::mem::swap(light, best_light);
+                }
+                if lit.is_none() {
+                    break;
+                }
+            }
+            let Memory {
+                flow,
+                best,
+                light,
+                best_light,
+                ..
+            } = &mut *self.memory;
+            std::mem::swap(flow, best);
+            std::mem::swap(light, best_light);
+        }
+        for level in (0..first).rev() {
+            self.finer(level)?;
+            if let Some(from) = lit {
+                self.memory
+                    .light
+                    .apply(&mut self.prev.levels_mut()[level], from - level);
+            }
+            self.level(level)?;
+        }
+        Ok(lit)
+    }
+
+    /// Carry the flow over from the next coarser level.
+    fn finer(&mut self, level: usize) -> Result<()> {
+        let plane = &self.prev.levels()[level];
+        let Memory { flow, spare, .. } = &mut *self.memory;
+        for (flow, spare) in flow.iter_mut().zip(spare) {
+            upsample::upsample(
+                flow,
+                (plane.width(), plane.height()),
+                spare,
+                &self.options.execution,
+            )?;
+            std::mem::swap(flow, spare);
+        }
+        Ok(())
+    }
+
+    /// Give `prev` the light of `next`, as the flow so far sees it.
+    fn relight(&mut self, level: usize, radii: (usize, usize)) {
+        let Memory {
+            flow: [u, v],
+            light,
+            weights,
+            ..
+        } = &mut *self.memory;
+        let weight = self.weighted.then(|| &weights[level]);
+        let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
+        let simd = self.options.execution.simd_level();
+        light.estimate(
+            StepInput {
+                prev,
+                next,
+                u,
+                v,
+                weight,
+            },
+            radii.0,
+            radii.1,
+            simd,
+        );
+        light.apply(&mut self.prev.levels_mut()[level], 0);
+    }
+
+    /// Improve the flow of one level.
+    fn level(&mut self, level: usize) -> Result<()> {
+        let execution = &self.options.execution;
+        let recipe = &self.options.recipe;
+        let of_level = recipe.levels[level.min(2)];
+        let centred = self.options.illumination != Illumination::None;
+        let options = StepOptions {
+            radius: of_level.radius,
+            centred,
+            damping: recipe.damping,
+            longest: recipe.longest,
+        };
+        let Memory {
+            flow,
+            spare,
+            energy,
+            weights,
+            system,
+            ..
+        } = &mut *self.memory;
+        let weight = self.weighted.then(|| &weights[level]);
+        let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
+        for _ in 0..of_level.steps {
+            execution.check()?;
+            let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
+            let input = StepInput {
+                prev,
+                next,
+                u,
+                v,
+                weight,
+            };
+            step::step(
+                input,
+                &options,
+                (&mut *to_u, &mut *to_v, &mut *energy),
+                execution,
+            )?;
+            if of_level.distance > 0 {
+                let (distance, better) = (of_level.distance, recipe.better);
+                let to = (&mut *u, &mut *v);
+                select::select((to_u, to_v), energy, distance, better, to, execution)?;
+            } else {
+                std::mem::swap(u, to_u);
+                std::mem::swap(v, to_v);
+            }
+            if of_level.median > 0 {
+                for (from, to) in [(&mut *u, &mut *to_u), (&mut *v, &mut *to_v)] {
+                    median::median(from, of_level.median, to, execution)?;
+                    std::mem::swap(from, to);
+                }
+            }
+        }
+        if of_level.refine {
+            let flow = (&mut *flow, &mut *spare);
+            system.refine(
+                (prev, next, weight),
+                &recipe.refine,
+                centred,
+                flow,
+                execution,
+            )?;
+        }
+        Ok(())
+    }
+}
