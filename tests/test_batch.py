@@ -86,3 +86,23 @@ def test_runs_in_a_thread(flight, tmp_path):
     worker.start()
     worker.join()
     assert found[0].complete
+
+
+def test_an_interrupted_batch_begins_no_more(clips, tmp_path, monkeypatch):
+    from rsflow import batch
+
+    real, calls = batch.wait, []
+
+    def pressed_once(*arguments, **options):
+        calls.append(1)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(batch, "wait", pressed_once)
+    items = extract_many([clips / "a", clips / "b", clips / "a"], tmp_path, jobs=1, frame_rate=30, videos=False)
+    # What runs ends as it can, here to its end, since no signal reaches it; what waits is not begun.
+    assert items[0].status in {"done", "cancelled"}
+    assert [item.status for item in items[1:]] == ["cancelled", "cancelled"]
+    assert all("not begun" in item.error for item in items[1:])
+    assert not (tmp_path / "b").exists()

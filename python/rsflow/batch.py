@@ -158,12 +158,13 @@ def extract_many(
     ExtractSettings(**{name: value for name, value in options.items() if name != "progress"}).validate()
     folders = [str(Path(out) / name) for name in folder_names(given)]
     if executor is not None:
-        return _collected(executor, given, folders, None, options, on_done)
+        return _collected(executor, given, folders, None, options, on_done, at_once=len(given))
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     workers = min(jobs or processors, len(given))
     # Not fork: the parent may hold threads of OpenCV or of a video library.
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_worker_signals) as pool:
-        return _collected(pool, given, folders, max(1, processors // workers), options, on_done)
+        share = max(1, processors // workers)
+        return _collected(pool, given, folders, share, options, on_done, at_once=workers)
 
 
 def _collected(
@@ -173,32 +174,48 @@ def _collected(
     threads: int | None,
     options: dict[str, Any],
     on_done: Callable[[BatchItem], None] | None,
+    *,
+    at_once: int,
 ) -> list[BatchItem]:
-    futures: dict[Future[BatchItem], int] = {
-        executor.submit(_extract_one, source, folder, threads, options): index
-        for index, (source, folder) in enumerate(zip(sources, folders, strict=True))
-    }
+    """Hand out the sources, `at_once` at a time: what waits in a pool's own queue could not be called back."""
     items: dict[int, BatchItem] = {}
-    waiting = set(futures)
-    while waiting:
+
+    def ended(index: int, item: BatchItem) -> None:
+        items[index] = item
+        if on_done is not None:
+            on_done(item)
+
+    waiting = list(range(len(sources)))
+    running: dict[Future[BatchItem], int] = {}
+    while waiting or running:
         try:
-            ended, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            while waiting and len(running) < at_once:
+                index = waiting[0]
+                running[executor.submit(_extract_one, sources[index], folders[index], threads, options)] = waiting.pop(
+                    0
+                )
+            finished, _ = wait(running, return_when=FIRST_COMPLETED)
         except KeyboardInterrupt:
             # Those that run have got the signal too and keep what they have; those that wait are not begun.
-            for future in waiting:
+            for future in running:
                 future.cancel()
+            for index in waiting:
+                ended(index, _cancelled(sources[index], Path(folders[index])))
+            waiting = []
             continue
-        for future in ended:
-            index = futures[future]
-            items[index] = _item(future, sources[index], Path(folders[index]))
-            if on_done is not None:
-                on_done(items[index])
+        for future in finished:
+            index = running.pop(future)
+            ended(index, _item(future, sources[index], Path(folders[index])))
     return [items[index] for index in range(len(sources))]
+
+
+def _cancelled(source: str | int, folder: Path) -> BatchItem:
+    return BatchItem(source, folder, "cancelled", "not begun: the batch was interrupted", {})
 
 
 def _item(future: Future[BatchItem], source: str | int, folder: Path) -> BatchItem:
     if future.cancelled():
-        return BatchItem(source, folder, "cancelled", "not begun: the batch was interrupted", {})
+        return _cancelled(source, folder)
     error = future.exception()
     if error is not None:
         # The worker itself died: killed, out of memory, or its result could not be sent.
