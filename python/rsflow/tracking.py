@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -11,9 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
+from ._track_table import TrackTable
 from .errors import DTypeError, OptionError, ShapeError
 
-__all__ = ["Illumination", "PointStatus", "PointTracker", "Tracks", "detect_corners", "track_points"]
+__all__ = ["Illumination", "PointStatus", "PointTracker", "TrackTable", "Tracks", "detect_corners", "track_points"]
 
 Illumination = Literal["none", "offset", "gain_offset"]
 
@@ -251,6 +253,8 @@ class PointTracker:
         As for `detect_corners`.
     window_size, levels, max_displacement, max_iterations, epsilon, illumination, max_forward_backward : optional
         As for `track_points`.
+    record : bool, optional
+        Keep what `to_table` needs: some 100 bytes for each point and frame.
 
     Examples
     --------
@@ -279,6 +283,7 @@ class PointTracker:
         epsilon: float = 0.01,
         illumination: Illumination = "gain_offset",
         max_forward_backward: float | None = 0.5,
+        record: bool = False,
     ) -> None:
         options = _options(
             window_size=window_size,
@@ -290,14 +295,19 @@ class PointTracker:
             max_forward_backward=max_forward_backward,
         )
         self._tracker = _core.PointTracker(options, int(max_corners), float(quality), float(min_distance))
+        self._table = TrackTable() if record else None
+        self._frame = 0
+        self._t_s = math.nan
 
-    def update(self, frame: NDArray[Any], *, mask: NDArray[np.bool_] | None = None) -> Tracks:
+    def update(self, frame: NDArray[Any], *, t_s: float | None = None, mask: NDArray[np.bool_] | None = None) -> Tracks:
         """Take the next frame.
 
         Parameters
         ----------
         frame : ndarray, shape (height, width)
             Grey levels: uint8, uint16 or float32, of the size of the frames before.
+        t_s : float, optional
+            Its time in seconds, for the speeds of `to_table`.
         mask : ndarray of bool, shape (height, width), optional
             True where to measure in this frame.
 
@@ -312,7 +322,30 @@ class PointTracker:
         ShapeError, DTypeError
             If the frame is not one, or not of the size of those before.
         """
-        return Tracks(**self._tracker.update(frame, mask))
+        tracks = Tracks(**self._tracker.update(frame, mask))
+        time = math.nan if t_s is None else float(t_s)
+        if self._table is not None:
+            self._table.add(tracks, frame=self._frame, t_s=time, dt_s=time - self._t_s)
+        self._frame += 1
+        self._t_s = time
+        return tracks
+
+    def to_table(self) -> TrackTable:
+        """Give all tracks so far as a table, which saves itself as CSV or Parquet.
+
+        Returns
+        -------
+        TrackTable
+            A row for each point and frame, with speeds in pixels per second.
+
+        Raises
+        ------
+        OptionError
+            If the tracker was not made with ``record=True``.
+        """
+        if self._table is None:
+            raise OptionError("record: got False, expected PointTracker(record=True), which keeps what a table needs")
+        return self._table
 
     @property
     def scene_cut(self) -> bool:
@@ -320,8 +353,9 @@ class PointTracker:
         return self._tracker.scene_cut
 
     def reset(self) -> None:
-        """Forget the frame before and its points; ids go on."""
+        """Forget the frame before and its points; ids, the count of frames and the table go on."""
         self._tracker.reset()
+        self._t_s = math.nan
 
 
 def _points(name: str, value: ArrayLike) -> NDArray[np.float32]:

@@ -27,6 +27,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "reproduce": ("rsflow.cli.reproduce", "repeat the report's experiments, its tables beside what rsflow measures"),
     "segment": ("rsflow.cli.segment", "what moves and what stands still, with numbers for the things that move"),
     "shift": ("rsflow.cli.shift", "how far a window moved from one picture to the next"),
+    "track": ("rsflow.cli.track", "points through a sequence: trails in a video, and a table"),
     "velocity": ("rsflow.cli.velocity", "how fast the camera travels over flat ground, in metres per second"),
 }
 
