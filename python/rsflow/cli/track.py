@@ -21,7 +21,8 @@ Track points through a sequence: corners are found, followed with persistent ids
 
 Writes into the folder OUT:
 
-  tracks.mp4   the picture with the trail of each point, coloured by its direction; a dot marks where it is, a circle a new one
+  tracks.mp4   the picture with the trail of each point, coloured by its direction; a dot marks where it is, a circle
+               a new one
   tracks.csv   a row for each point and frame: frame,t_s,id,age,x_px,y_px,dx_px,dy_px,vx_px_s,vy_px_s,
                std_x_px,std_y_px,residual,status (tracks.parquet with --parquet; needs rsflow[parquet])
 
