@@ -7,6 +7,7 @@
 mod refine;
 mod solve;
 mod start;
+mod sums;
 
 use ndarray::ArrayView2;
 
@@ -15,8 +16,9 @@ use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, read_row};
 use crate::illumination::Illumination;
 use crate::pyramid::Pyramid;
-use refine::{Pair, REACH, look};
+use refine::{GainField, Look, Pair, REACH, Workspace, look};
 use solve::{Solution, eigenvalues};
+use start::{Start, best_start};
 
 /// A rectangle of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -172,10 +174,25 @@ const MIN_SIDE: usize = 8;
 const MARGIN: usize = 4;
 /// A standard deviation above this is no measurement, in pixels.
 const MAX_SIGMA: f64 = 0.2;
-/// Below this correlation the frames do not show the same.
-const MIN_CORRELATION: f64 = 0.5;
+/// Light may vary from tile to tile: small enough for the border of a shadow to spoil few.
+const MAX_TILE: usize = 20;
+const COARSE_TILE: usize = 8;
 /// The iteration has settled once a step is below this, in pixels.
 const SETTLED: f64 = 1e-4;
+/// The same at a coarse level, in its pixels.
+const COARSE_SETTLED: f64 = 0.05;
+
+/// A step, made longer or shorter by what the one before it left: the gradients are not exact, but their error is the
+/// same in each step.
+fn extrapolated(step: [f64; 2], before: Option<[f64; 2]>) -> [f64; 2] {
+    let Some(before) = before else { return step };
+    let square = before[0] * before[0] + before[1] * before[1];
+    if square <= 0.0 {
+        return step;
+    }
+    let left = ((step[0] * before[0] + step[1] * before[1]) / square).clamp(-0.3, 0.3);
+    step.map(|value| value / (1.0 - left))
+}
 
 /// The displacement of the window from `prev` to `next`.
 ///
@@ -272,6 +289,8 @@ struct Inputs {
     mean: f64,
     usable: f64,
     levels: usize,
+    /// Pixels along a side of a tile at the finest level.
+    tile: usize,
 }
 
 impl Inputs {
@@ -354,6 +373,7 @@ impl Inputs {
             mean,
             usable,
             levels,
+            tile: (length[0].min(length[1]) / 4).clamp(8, MAX_TILE),
         }
     }
 
@@ -371,54 +391,84 @@ impl Inputs {
     }
 
     fn estimate(&self, limit: [f64; 2], options: &ShiftOptions) -> Result<Shift> {
-        let scale = (1u32 << self.levels) as f64;
-        let coarse_limit = limit.map(|value| (value / scale).ceil());
-        let Some(start) = start::best_start(self.pair(self.levels), coarse_limit)? else {
-            return Ok(Shift::invalid(ShiftStatus::NoTexture));
-        };
-        let mut displacement = start.map(|value| value as f64);
-        let mut correlation = 0.0;
+        let mut start: Option<Start> = None;
+        let mut from = self.levels;
         for level in (0..=self.levels).rev() {
+            // The finer levels are for texture that the coarse ones do not show.
+            let scale = f64::from(1u32 << level);
+            let limit = limit.map(|value| (value / scale).ceil());
+            if let Some(found) = best_start(self.pair(level), limit, &options.execution)? {
+                if start.is_none_or(|best| found.better_than(&best)) {
+                    start = Some(found);
+                    from = level;
+                }
+                if found.convinces() {
+                    break;
+                }
+            }
+        }
+        let Some(start) = start else {
+            return Ok(Shift::invalid(ShiftStatus::TooLittleOverlap));
+        };
+        let mut displacement = start.displacement.map(|value| value as f64);
+        let mut match_found = false;
+        let mut gain = GainField::default();
+        let mut workspace = Workspace::default();
+        for level in (0..=from).rev() {
+            if level != from && level != 0 {
+                displacement = displacement.map(|value| 2.0 * value);
+                continue;
+            }
             let finest = level == 0;
-            let (iterations, settled) = if finest { (20, SETTLED) } else { (4, 0.03) };
-            let mut last = None;
-            let mut steady = false;
             let mut whole = displacement.map(f64::round);
-            for _ in 0..iterations {
+            let mut before: Option<[f64; 2]> = None;
+            let mut steady = false;
+            let mut last = None;
+            for _ in 0..if finest { 20 } else { 6 } {
                 for (whole, exact) in whole.iter_mut().zip(displacement) {
                     if (exact - *whole).abs() > REACH {
                         *whole = exact.round();
+                        before = None;
                     }
                 }
-                let Some(solution) = look(
-                    self.pair(level),
+                let how = Look {
                     displacement,
                     whole,
-                    options.illumination,
-                    &options.execution,
-                )?
+                    illumination: options.illumination,
+                    gain,
+                    tile: if finest { self.tile } else { COARSE_TILE },
+                };
+                let Some(solution) =
+                    look(self.pair(level), how, &mut workspace, &options.execution)?
                 else {
                     return Ok(Shift::invalid(ShiftStatus::TooLittleOverlap));
                 };
-                let length = solution.step[0].hypot(solution.step[1]);
+                let step = extrapolated(solution.step, before);
+                let length = step[0].hypot(step[1]);
                 let damp = if length > 1.0 { 1.0 / length } else { 1.0 };
-                for (value, step) in displacement.iter_mut().zip(solution.step) {
+                for (value, step) in displacement.iter_mut().zip(step) {
                     *value += damp * step;
                 }
-                last = Some(solution);
-                steady = length < settled;
+                steady = length < if finest { SETTLED } else { COARSE_SETTLED };
+                last = Some((solution, gain));
+                if length < 0.2 && before.is_none() {
+                    for (to, more) in gain.0.iter_mut().zip(solution.gain) {
+                        *to += more;
+                    }
+                }
+                before = (length < 0.2).then_some(solution.step);
                 if steady {
                     break;
                 }
             }
-            let Some(solution) = last else {
+            let Some((solution, gain)) = last else {
                 return Ok(Shift::invalid(ShiftStatus::NotConverged));
             };
-            if level == self.levels {
-                correlation = solution.correlation;
+            if level == from {
+                match_found = solution.matches();
             }
             if finest {
-                return Ok(self.judge(displacement, limit, correlation, steady, &solution));
+                return Ok(self.judge(displacement, limit, match_found, steady, &solution, gain));
             }
             displacement = displacement.map(|value| 2.0 * value);
         }
@@ -429,9 +479,10 @@ impl Inputs {
         &self,
         displacement: [f64; 2],
         limit: [f64; 2],
-        correlation: f64,
+        match_found: bool,
         steady: bool,
         solution: &Solution,
+        field: GainField,
     ) -> Shift {
         let variance = eigenvalues(solution.covariance);
         let [low, high] = solution.information;
@@ -440,7 +491,7 @@ impl Inputs {
             ShiftStatus::NoTexture
         } else if low <= 0.05 || low <= 1e-4 * high {
             ShiftStatus::Aperture
-        } else if correlation < MIN_CORRELATION {
+        } else if !match_found {
             ShiftStatus::NoMatch
         } else if variance[1].is_nan() || variance[1] > limit_sigma {
             if variance[0] < 0.04 * variance[1] {
@@ -458,8 +509,9 @@ impl Inputs {
         if status != ShiftStatus::Valid {
             return Shift::invalid(status);
         }
-        let gain = (1.0 + solution.alpha / 2.0) / (1.0 - solution.alpha / 2.0);
-        let offset = solution.beta / (1.0 - solution.alpha / 2.0);
+        let alpha = solution.alpha + field.0[0];
+        let gain = (1.0 + alpha / 2.0) / (1.0 - alpha / 2.0);
+        let offset = solution.beta / (1.0 - alpha / 2.0);
         Shift {
             dx: displacement[0],
             dy: displacement[1],

@@ -5,25 +5,22 @@
 
 use std::ops::Range;
 
-use super::solve::{
-    DIFFERENCE, FEATURES, GX, GY, Gram, MEAN, NoiseGain, ONE, Solution, X, Y, solve,
-};
+use super::solve::{NoiseGain, Solution, solve};
+use super::sums::{LANES, Light, RowSums, Tile, Tiling};
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::illumination::Illumination;
 use crate::parallel::{RowsMut, for_each_band};
-use crate::simd::{Kernel, Level, dispatch};
+use crate::simd::{Kernel, dispatch};
 
 /// Taps on each side of the interpolation and of the derivative.
 const RADIUS: usize = 2;
-/// Pixels along a side of a tile. Light may vary linearly within it.
-const TILE: usize = 32;
 /// The displacement may be this far from the whole pixels at which the frames are compared; more than half a pixel, so
 /// that an iteration near the half does not jump between two of them.
 pub(super) const REACH: f64 = 0.52;
 /// The derivative of fourth order.
-const DERIVATIVE: [f32; 5] = [1.0 / 12.0, -8.0 / 12.0, 0.0, 8.0 / 12.0, -1.0 / 12.0];
+pub(super) const DERIVATIVE: [f32; 5] = [1.0 / 12.0, -8.0 / 12.0, 0.0, 8.0 / 12.0, -1.0 / 12.0];
 
 /// Two planes, and how they lie.
 #[derive(Debug, Clone, Copy)]
@@ -95,196 +92,243 @@ fn taps(delta: f64) -> [f32; 2 * RADIUS + 1] {
     ]
 }
 
-fn energy(taps: &[f32]) -> f64 {
-    taps.iter().map(|tap| f64::from(tap * tap)).sum()
+/// The frames sampled at one displacement, kept from look to look.
+#[derive(Debug, Default)]
+pub(super) struct Workspace {
+    mean: Plane,
+    difference: Plane,
+    weight: Plane,
+    tiles: Vec<Tile>,
 }
 
-/// The energy of the derivative of what `taps` give.
-fn slope_energy(taps: &[f32]) -> f64 {
-    let mut both = vec![0.0f32; taps.len() + DERIVATIVE.len() - 1];
-    for (i, a) in taps.iter().enumerate() {
-        for (j, b) in DERIVATIVE.iter().enumerate() {
-            both[i + j] += a * b;
-        }
-    }
-    energy(&both)
+/// How to look.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Look {
+    /// The displacement, within [`REACH`] of `whole`.
+    pub(super) displacement: [f64; 2],
+    /// The whole pixels at which the frames are compared.
+    pub(super) whole: [f64; 2],
+    /// How light may change within a tile.
+    pub(super) illumination: Illumination,
+    /// What is known of the light: taken out of the difference before it is summed.
+    pub(super) gain: GainField,
+    /// Pixels along a side of a tile.
+    pub(super) tile: usize,
 }
 
-/// Steps of the tiles along a length.
-fn tiles(length: usize) -> Vec<usize> {
-    let count = ((length + TILE / 2) / TILE).max(1);
-    (0..=count)
-        .map(|index| if index == count { length } else { index * TILE })
-        .collect()
-}
+/// A gain that varies with place and grey level: `next - prev = (c0 + c1 x + c2 y + c3 m / 2) m`, with m the mean of
+/// both frames and x and y from -1 to 1 over the window, so that all levels share it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct GainField(pub(super) [f64; 4]);
 
-/// What the pair says at `displacement`, which is within [`REACH`] of the whole pixels `whole`; `None` if too few pixels
-/// are shown by both.
+/// What the pair says; `None` if too few pixels are shown by both.
 pub(super) fn look(
     pair: Pair<'_>,
-    displacement: [f64; 2],
-    whole: [f64; 2],
-    illumination: Illumination,
+    how: Look,
+    workspace: &mut Workspace,
     execution: &Execution,
 ) -> Result<Option<Solution>> {
-    let half = [
-        (displacement[0] - whole[0]) / 2.0,
-        (displacement[1] - whole[1]) / 2.0,
-    ];
-    let shift = whole.map(|value| value as isize);
+    let half: [f64; 2] =
+        std::array::from_fn(|axis| (how.displacement[axis] - how.whole[axis]) / 2.0);
+    let shift = how.whole.map(|value| value as isize);
     let columns = pair.overlap(0, shift[0]);
     let rows = pair.overlap(1, shift[1]);
     if columns.len() < 4 || rows.len() < 4 {
         return Ok(None);
     }
     let (width, height) = (columns.len(), rows.len());
+    let padded = width.next_multiple_of(LANES) + 2 * RADIUS;
     let level = execution.simd_level();
-    let mut mean = Plane::new(width, height);
-    let mut difference = Plane::new(width, height);
-    let mut weight = (pair.prev_weight.is_some() || pair.next_weight.is_some())
-        .then(|| Plane::new(width, height));
-    let prev_taps = [taps(-half[0]), taps(-half[1])];
-    let next_taps = [taps(half[0]), taps(half[1])];
     let next_start = [
         (columns.start as isize + shift[0] - pair.origin[0]) as usize,
         (rows.start as isize + shift[1] - pair.origin[1]) as usize,
     ];
+    let taps = half.map(taps);
+    let place = [
+        Place::new(pair.window[0], columns.start, shift[0]),
+        Place::new(pair.window[1], rows.start, shift[1]),
+    ];
     let min_rows = (8192 / width).max(1);
-    let outputs = (mean.rows_mut(), difference.rows_mut());
+    workspace.mean.resize(padded, height);
+    workspace.difference.resize(padded, height);
     for_each_band(
         execution,
         height,
         min_rows,
-        outputs,
+        (workspace.mean.rows_mut(), workspace.difference.rows_mut()),
         |band, (mut mean, mut difference)| {
-            let mut p = vec![0.0; width];
-            let mut n = vec![0.0; width];
-            let mut temporary = vec![0.0; width + 2 * RADIUS];
+            let mut temporary = [vec![0.0; width + 2 * RADIUS], vec![0.0; width + 2 * RADIUS]];
+            let mut ramp = vec![0.0; width];
             for (local, y) in band.enumerate() {
-                sample(
-                    level,
-                    pair.prev,
-                    [columns.start, rows.start + y],
-                    &prev_taps,
-                    &mut temporary,
-                    &mut p,
-                );
-                sample(
-                    level,
-                    pair.next,
-                    [next_start[0], next_start[1] + y],
-                    &next_taps,
-                    &mut temporary,
-                    &mut n,
-                );
-                let (mean, difference) = (mean.row_mut(local), difference.row_mut(local));
-                for x in 0..width {
-                    mean[x] = 0.5 * (n[x] + p[x]);
-                    difference[x] = n[x] - p[x];
-                }
-            }
-        },
-    )?;
-    if let Some(weight) = &mut weight {
-        for y in 0..height {
-            let row = weight.row_mut(y);
-            row.fill(1.0);
-            for (plane, start) in [
-                (pair.prev_weight, [columns.start, rows.start]),
-                (pair.next_weight, next_start),
-            ] {
-                if let Some(plane) = plane {
-                    let other = &plane.row(start[1] + y)[start[0]..start[0] + width];
-                    row.iter_mut().zip(other).for_each(|(to, from)| *to *= from);
-                }
-            }
-        }
-    }
-    let (across, down) = (tiles(width), tiles(height));
-    let empty: Gram = [[0.0; FEATURES]; FEATURES];
-    let stripes = across.len() - 1;
-    let mut grams = vec![empty; stripes * (down.len() - 1)];
-    let mean = &mean;
-    let difference = &difference;
-    let weight = weight.as_ref();
-    for_each_band(
-        execution,
-        down.len() - 1,
-        (8192 / (width * TILE)).max(1),
-        RowsMut::new(&mut grams, stripes),
-        |band, mut part| {
-            let mut rows = Rows::new(width);
-            for (local, stripe) in band.enumerate() {
-                let grams = part.row_mut(local);
-                for y in down[stripe]..down[stripe + 1] {
-                    let centre = (down[stripe] + down[stripe + 1]) as f32 / 2.0;
-                    let kernel = RowSums {
-                        mean: std::array::from_fn(|k| clamped(mean, y as isize + k as isize - 2)),
-                        difference: difference.row(y),
-                        weight: weight.map(|plane| plane.row(y)),
-                        y: (y as f32 + 0.5 - centre) / TILE as f32,
-                        across: &across,
-                        rows: &mut rows,
-                        grams,
+                let kernel = Sample {
+                    prev: taps_rows(pair.prev, [columns.start, rows.start + y], width),
+                    next: taps_rows(pair.next, [next_start[0], next_start[1] + y], width),
+                    taps: &taps,
+                    temporary: &mut temporary,
+                    mean: mean.row_mut(local),
+                    difference: difference.row_mut(local),
+                };
+                dispatch(level, kernel);
+                if how.gain != GainField::default() {
+                    let [constant, along_x, along_y, curve] = how.gain.0;
+                    let start = constant + along_y * place[1].at(y);
+                    for (x, value) in ramp.iter_mut().enumerate() {
+                        *value = (start + along_x * place[0].at(x)) as f32;
+                    }
+                    let kernel = Relight {
+                        ramp: &ramp,
+                        curve: (curve / 2.0) as f32,
+                        mean: &mean.row_mut(local)[RADIUS..],
+                        difference: difference.row_mut(local),
                     };
                     dispatch(level, kernel);
                 }
             }
         },
     )?;
-    let noise = NoiseGain {
-        sampled: energy(&prev_taps[0]) * energy(&prev_taps[1]),
-        gradient: [
-            slope_energy(&prev_taps[0]) * energy(&prev_taps[1]),
-            energy(&prev_taps[0]) * slope_energy(&prev_taps[1]),
-        ],
-    };
-    Ok(solve(&grams, illumination, noise))
-}
-
-/// Write the interpolated row that begins at `start` of `plane` into `row`.
-fn sample(
-    level: Level,
-    plane: &Plane,
-    start: [usize; 2],
-    taps: &[[f32; 2 * RADIUS + 1]; 2],
-    temporary: &mut [f32],
-    row: &mut [f32],
-) {
-    let columns = start[0] - RADIUS..start[0] - RADIUS + temporary.len();
-    dispatch(
-        level,
-        Sample {
-            rows: std::array::from_fn(|k| &plane.row(start[1] + k - RADIUS)[columns.clone()]),
-            taps,
-            temporary,
-            row,
+    let weighted = pair.prev_weight.is_some() || pair.next_weight.is_some();
+    if weighted {
+        let starts = [[columns.start, rows.start], next_start];
+        weigh(pair, starts, width, height, &mut workspace.weight);
+    }
+    let tiling = Tiling::new(width, height, how.tile);
+    workspace.tiles.clear();
+    workspace
+        .tiles
+        .resize(tiling.across() * tiling.down(), Tile::default());
+    let (mean, difference) = (&workspace.mean, &workspace.difference);
+    let weight = weighted.then_some(&workspace.weight);
+    for_each_band(
+        execution,
+        tiling.down(),
+        (8192 / (width * how.tile)).max(1),
+        RowsMut::new(&mut workspace.tiles, tiling.across()),
+        |band, mut part| {
+            for (local, stripe) in band.enumerate() {
+                for y in tiling.rows(stripe) {
+                    let kernel = RowSums {
+                        mean: std::array::from_fn(|k| clamped(mean, y as isize + k as isize - 2)),
+                        difference: difference.row(y),
+                        weight: weight.map(|plane| plane.row(y)),
+                        tiling: &tiling,
+                        y: tiling.y(stripe, y),
+                        tiles: part.row_mut(local),
+                    };
+                    dispatch(level, kernel);
+                }
+            }
         },
-    );
+    )?;
+    let light = Light::new(how.illumination);
+    Ok(solve(
+        &workspace.tiles,
+        &tiling,
+        weighted,
+        light,
+        noise_gain(&taps),
+        place,
+    ))
 }
 
-struct Sample<'a> {
-    rows: [&'a [f32]; 2 * RADIUS + 1],
-    taps: &'a [[f32; 2 * RADIUS + 1]; 2],
-    temporary: &'a mut [f32],
-    row: &'a mut [f32],
+/// From pixels of the region to the place in the window, -1 to 1, halfway between the two frames.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    start: f64,
+    step: f64,
 }
 
-impl Kernel for Sample<'_> {
+impl Place {
+    fn new(window: (usize, usize), start: usize, shift: isize) -> Self {
+        let middle = (window.0 + window.1) as f64 / 2.0;
+        let step = 2.0 / (window.1 - window.0) as f64;
+        // Half of the displacement, so that swapping the frames changes nothing.
+        Self {
+            start: (start as f64 + 0.5 + shift as f64 / 2.0 - middle) * step,
+            step,
+        }
+    }
+
+    /// The place of pixel `index` of the region.
+    pub(super) fn at(&self, index: usize) -> f64 {
+        self.start + self.step * index as f64
+    }
+
+    /// The same for a position in pixels, from the border of the first.
+    pub(super) fn of(&self, position: f64) -> f64 {
+        self.start + self.step * (position - 0.5)
+    }
+}
+
+/// Take the known light out of a row of differences.
+struct Relight<'a> {
+    ramp: &'a [f32],
+    curve: f32,
+    mean: &'a [f32],
+    difference: &'a mut [f32],
+}
+
+impl Kernel for Relight<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let width = self.temporary.len();
-        let [a, b, c, d, e] = self.rows.map(|row| &row[..width]);
-        let [ta, tb, tc, td, te] = self.taps[1];
-        for x in 0..width {
-            self.temporary[x] = (ta * a[x] + te * e[x]) + (tb * b[x] + td * d[x]) + tc * c[x];
+        for ((to, m), ramp) in self.difference.iter_mut().zip(self.mean).zip(self.ramp) {
+            *to -= (ramp + self.curve * m) * m;
         }
-        let [ta, tb, tc, td, te] = self.taps[0];
-        for (x, to) in self.row.iter_mut().enumerate() {
-            let t = &self.temporary[x..x + 5];
-            *to = (ta * t[0] + te * t[4]) + (tb * t[1] + td * t[3]) + tc * t[2];
+    }
+}
+
+/// What the filters do to white noise.
+fn noise_gain(taps: &[[f32; 2 * RADIUS + 1]; 2]) -> NoiseGain {
+    let (across, down) = (energy(&taps[0]), energy(&taps[1]));
+    // The Laplacian is the second difference along x plus that along y; its cross term is the product of the two
+    // correlations of a filter with its own second difference.
+    let second = |taps: &[f32]| convolved(taps, &[1.0, -2.0, 1.0]);
+    let cross = |taps: &[f32]| -> f64 {
+        second(taps)[1..]
+            .iter()
+            .zip(taps)
+            .map(|(a, b)| f64::from(a * b))
+            .sum()
+    };
+    NoiseGain {
+        sampled: across * down,
+        gradient: [
+            energy(&convolved(&taps[0], &DERIVATIVE)) * down,
+            across * energy(&convolved(&taps[1], &DERIVATIVE)),
+        ],
+        laplacian: energy(&second(&taps[0])) * down
+            + across * energy(&second(&taps[1]))
+            + 2.0 * cross(&taps[0]) * cross(&taps[1]),
+    }
+}
+
+fn energy(taps: &[f32]) -> f64 {
+    taps.iter().map(|tap| f64::from(tap * tap)).sum()
+}
+
+fn convolved(taps: &[f32], other: &[f32]) -> Vec<f32> {
+    let mut both = vec![0.0f32; taps.len() + other.len() - 1];
+    for (i, a) in taps.iter().enumerate() {
+        for (j, b) in other.iter().enumerate() {
+            both[i + j] += a * b;
+        }
+    }
+    both
+}
+
+/// Where both frames may be used, beginning at `starts` in each.
+fn weigh(pair: Pair<'_>, starts: [[usize; 2]; 2], width: usize, height: usize, weight: &mut Plane) {
+    weight.resize(width.next_multiple_of(LANES), height);
+    for y in 0..height {
+        let row = weight.row_mut(y);
+        row[..width].fill(1.0);
+        row[width..].fill(0.0);
+        for (plane, start) in [pair.prev_weight, pair.next_weight].into_iter().zip(starts) {
+            if let Some(plane) = plane {
+                let other = &plane.row(start[1] + y)[start[0]..start[0] + width];
+                row.iter_mut().zip(other).for_each(|(to, from)| *to *= from);
+            }
         }
     }
 }
@@ -294,101 +338,55 @@ fn clamped(plane: &Plane, y: isize) -> &[f32] {
     plane.row(y.clamp(0, plane.height() as isize - 1) as usize)
 }
 
-/// The rows of all features, and the padded mean.
-struct Rows {
-    padded: Vec<f32>,
-    features: [Vec<f32>; FEATURES],
+/// The rows that the taps read for the row that begins at `start`.
+fn taps_rows(plane: &Plane, start: [usize; 2], width: usize) -> [&[f32]; 2 * RADIUS + 1] {
+    let columns = start[0] - RADIUS..start[0] + width + RADIUS;
+    std::array::from_fn(|k| &plane.row(start[1] + k - RADIUS)[columns.clone()])
 }
 
-impl Rows {
-    fn new(width: usize) -> Self {
-        Self {
-            padded: vec![0.0; width + 4],
-            features: std::array::from_fn(|_| vec![0.0; width]),
-        }
-    }
+/// A row of both frames, moved towards each other: their mean, padded by its border, and their difference.
+struct Sample<'a> {
+    prev: [&'a [f32]; 2 * RADIUS + 1],
+    next: [&'a [f32]; 2 * RADIUS + 1],
+    /// Those of `next`, along x and along y; `prev` takes them in reverse.
+    taps: &'a [[f32; 2 * RADIUS + 1]; 2],
+    temporary: &'a mut [Vec<f32>; 2],
+    mean: &'a mut [f32],
+    difference: &'a mut [f32],
 }
 
-struct RowSums<'a> {
-    /// Rows y - 2 to y + 2 of the mean of both frames.
-    mean: [&'a [f32]; 5],
-    difference: &'a [f32],
-    weight: Option<&'a [f32]>,
-    y: f32,
-    across: &'a [usize],
-    rows: &'a mut Rows,
-    grams: &'a mut [Gram],
-}
-
-#[inline(always)]
-fn dot(a: &[f32], b: &[f32]) -> f64 {
-    let mut lanes = [0.0f32; 8];
-    let (a_chunks, a_rest) = a.as_chunks::<8>();
-    let (b_chunks, b_rest) = b.as_chunks::<8>();
-    for (p, q) in a_chunks.iter().zip(b_chunks) {
-        for k in 0..8 {
-            lanes[k] += p[k] * q[k];
-        }
-    }
-    for (k, (p, q)) in a_rest.iter().zip(b_rest).enumerate() {
-        lanes[k] += p * q;
-    }
-    f64::from(
-        ((lanes[0] + lanes[4]) + (lanes[1] + lanes[5]))
-            + ((lanes[2] + lanes[6]) + (lanes[3] + lanes[7])),
-    )
-}
-
-impl Kernel for RowSums<'_> {
+impl Kernel for Sample<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let width = self.difference.len();
-        let rows = self.rows;
-        let m = self.mean.map(|row| &row[..width]);
+        let [p, n] = self.temporary;
+        let length = p.len();
+        let [ta, tb, tc, td, te] = self.taps[1];
+        let [a, b, c, d, e] = self.prev.map(|row| &row[..length]);
+        for x in 0..length {
+            p[x] = (te * a[x] + ta * e[x]) + (td * b[x] + tb * d[x]) + tc * c[x];
+        }
+        let [a, b, c, d, e] = self.next.map(|row| &row[..length]);
+        let n = &mut n[..length];
+        for x in 0..length {
+            n[x] = (ta * a[x] + te * e[x]) + (tb * b[x] + td * d[x]) + tc * c[x];
+        }
+        let [ta, tb, tc, td, te] = self.taps[0];
+        let width = length - 2 * RADIUS;
+        let mean = &mut self.mean[RADIUS..RADIUS + width];
+        let difference = &mut self.difference[..width];
         for x in 0..width {
-            rows.features[GY][x] =
-                DERIVATIVE[3] * (m[3][x] - m[1][x]) + DERIVATIVE[4] * (m[4][x] - m[0][x]);
+            let s = &p[x..x + 5];
+            let prev = (te * s[0] + ta * s[4]) + (td * s[1] + tb * s[3]) + tc * s[2];
+            let s = &n[x..x + 5];
+            let next = (ta * s[0] + te * s[4]) + (tb * s[1] + td * s[3]) + tc * s[2];
+            mean[x] = 0.5 * (next + prev);
+            difference[x] = next - prev;
         }
-        rows.padded[2..width + 2].copy_from_slice(m[2]);
-        rows.padded[..2].fill(m[2][0]);
-        rows.padded[width + 2..].fill(m[2][width - 1]);
-        for x in 0..width {
-            let s = &rows.padded[x..x + 5];
-            rows.features[GX][x] = DERIVATIVE[3] * (s[3] - s[1]) + DERIVATIVE[4] * (s[4] - s[0]);
-        }
-        rows.features[ONE].fill(1.0);
-        rows.features[Y].fill(self.y);
-        rows.features[MEAN].copy_from_slice(m[2]);
-        rows.features[DIFFERENCE].copy_from_slice(self.difference);
-        for pair in self.across.windows(2) {
-            let centre = (pair[0] + pair[1]) as f32 / 2.0;
-            for x in pair[0]..pair[1] {
-                rows.features[X][x] = (x as f32 + 0.5 - centre) / TILE as f32;
-            }
-        }
-        if let Some(weight) = self.weight {
-            for feature in &mut rows.features {
-                for (value, w) in feature.iter_mut().zip(weight) {
-                    *value *= w;
-                }
-            }
-        }
-        for (pair, gram) in self.across.windows(2).zip(self.grams.iter_mut()) {
-            let range = pair[0]..pair[1];
-            for i in 0..FEATURES {
-                for j in i..FEATURES {
-                    let sum = dot(
-                        &rows.features[i][range.clone()],
-                        &rows.features[j][range.clone()],
-                    );
-                    gram[i][j] += sum;
-                    if i != j {
-                        gram[j][i] += sum;
-                    }
-                }
-            }
-        }
+        let (first, last) = (mean[0], mean[width - 1]);
+        self.mean[..RADIUS].fill(first);
+        self.mean[RADIUS + width..].fill(last);
+        self.difference[width..].fill(0.0);
     }
 }

@@ -1,22 +1,13 @@
-//! From the sums of the tiles to one displacement: light is eliminated within each tile, then the tiles are combined,
-//! each weighted by the inverse of its own residual variance.
+//! From the sums of the tiles to one displacement: light is eliminated within blocks of tiles, as large as one model of
+//! the light fits, then the blocks are combined, each weighted by the inverse of its own residual variance.
+#![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
-#![allow(clippy::needless_range_loop, reason = "matrix and filter indices")]
+use std::ops::Range;
 
-use crate::illumination::Illumination;
-
-/// What is summed: gradients, the light's regressors, and the difference.
-pub(super) const GX: usize = 0;
-pub(super) const GY: usize = 1;
-pub(super) const ONE: usize = 2;
-pub(super) const X: usize = 3;
-pub(super) const Y: usize = 4;
-pub(super) const MEAN: usize = 5;
-pub(super) const DIFFERENCE: usize = 6;
-pub(super) const FEATURES: usize = 7;
-
-/// The sums of products of all features over one tile.
-pub(super) type Gram = [[f64; FEATURES]; FEATURES];
+use super::refine::Place;
+use super::sums::{
+    F_DIFFERENCE, F_GX, F_GY, F_MEAN, F_ONE, F_X, F_Y, FEATURES, Gram, Light, Tile, Tiling,
+};
 
 /// What the tiles together say at one displacement.
 #[derive(Debug, Clone, Copy)]
@@ -25,7 +16,7 @@ pub(super) struct Solution {
     pub(super) step: [f64; 2],
     /// Covariance of the displacement.
     pub(super) covariance: [[f64; 2]; 2],
-    /// The gradients' information that noise does not explain, divided by the noise: eigenvalues, the smaller first.
+    /// What the gradients tell and noise does not explain, divided by what noise adds: eigenvalues, the smaller first.
     pub(super) information: [f64; 2],
     /// Correlation of the two frames once light is taken out.
     pub(super) correlation: f64,
@@ -34,25 +25,60 @@ pub(super) struct Solution {
     /// Symmetric gain and offset: `next - prev = alpha (prev + next) / 2 + beta`.
     pub(super) alpha: f64,
     pub(super) beta: f64,
+    /// What the tiles say about the gain, beyond what was taken out: see `GainField`.
+    pub(super) gain: [f64; 4],
+    /// Pixels that it rests on.
+    pub(super) count: f64,
+}
+
+impl Solution {
+    /// Whether the frames agree by more than chance, taking one independent sample in nine pixels: five deviations of
+    /// Fisher's transform, and not less than a correlation of 0.15.
+    pub(super) fn matches(&self) -> bool {
+        let chance = 5.0 / (self.count / 9.0 - 3.0).max(1.0).sqrt();
+        self.correlation > chance.tanh().max(0.15)
+    }
 }
 
 /// What the filters do to white noise of unit variance in each frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NoiseGain {
-    /// Variance of the interpolated frame.
+    /// Variance of the filtered frame.
     pub(super) sampled: f64,
     /// Variance of its gradient, along x and along y.
     pub(super) gradient: [f64; 2],
+    /// Variance of its Laplacian.
+    pub(super) laplacian: f64,
 }
 
-/// Take `pivot` out of all other features of `gram`; `size` is its sum before anything was taken out.
+/// A block with its light eliminated.
+#[derive(Debug, Clone, Copy)]
+struct Block {
+    gradient: [[f64; 2]; 2],
+    difference: [f64; 2],
+    count: f64,
+    degrees: f64,
+    texture: f64,
+    /// The gain, less 1, where light takes one.
+    gain: f64,
+    residual: f64,
+    light: [[f64; 3]; 3],
+}
+
+impl Block {
+    fn variance(&self) -> f64 {
+        self.residual / self.degrees
+    }
+}
+
+/// Take `pivot` out of all features of `gram`; `size` is its sum of squares before anything was taken out.
 fn eliminate(gram: &mut Gram, pivot: usize, size: f64) -> bool {
-    let diagonal = gram[pivot][pivot];
+    let row = gram[pivot];
+    let diagonal = row[pivot];
     // Below this share the feature is a combination of those before it, up to rounding.
-    if diagonal <= 1e-9 * size || diagonal <= 0.0 {
+    if diagonal <= 1e-7 * size || diagonal <= 0.0 {
         return false;
     }
-    let row = gram[pivot];
     for i in 0..FEATURES {
         let factor = row[i] / diagonal;
         if factor != 0.0 {
@@ -64,99 +90,198 @@ fn eliminate(gram: &mut Gram, pivot: usize, size: f64) -> bool {
     true
 }
 
-struct Tile {
-    gradient: [[f64; 2]; 2],
-    difference: [f64; 2],
-    count: f64,
-    degrees: f64,
-    texture: f64,
-    residual: f64,
-    variance: f64,
-}
-
-fn reduce(mut gram: Gram, illumination: Illumination) -> Option<Tile> {
-    let count = gram[ONE][ONE];
+fn reduce(whole: &Gram, light: Light) -> Option<Block> {
+    let mut gram = *whole;
+    let count = gram[F_ONE][F_ONE];
     let mut degrees = count - 2.0;
-    let sizes: [f64; FEATURES] = std::array::from_fn(|i| gram[i][i]);
-    let mut detrended = gram;
-    for pivot in [ONE, X, Y] {
-        eliminate(&mut detrended, pivot, sizes[pivot]);
-    }
-    let pivots: &[usize] = match illumination {
-        Illumination::None => &[],
-        Illumination::Offset => &[ONE, X, Y],
-        Illumination::GainOffset => &[ONE, X, Y, MEAN],
-    };
-    for pivot in pivots {
-        if eliminate(&mut gram, *pivot, sizes[*pivot]) {
-            degrees -= 1.0;
+    let mut texture = None;
+    if light.offset {
+        for pivot in [F_ONE, F_X, F_Y] {
+            degrees -= f64::from(u8::from(eliminate(&mut gram, pivot, whole[pivot][pivot])));
         }
+        texture = Some(gram[F_MEAN][F_MEAN]);
+    }
+    let mut gain = 0.0;
+    if light.gain {
+        gain = gram[F_MEAN][F_DIFFERENCE] / gram[F_MEAN][F_MEAN].max(1e-12);
+        degrees -= f64::from(u8::from(eliminate(
+            &mut gram,
+            F_MEAN,
+            whole[F_MEAN][F_MEAN],
+        )));
     }
     if degrees < 4.0 {
         return None;
     }
-    let residual = gram[DIFFERENCE][DIFFERENCE].max(0.0);
-    Some(Tile {
-        gradient: [[gram[GX][GX], gram[GX][GY]], [gram[GY][GX], gram[GY][GY]]],
-        difference: [gram[GX][DIFFERENCE], gram[GY][DIFFERENCE]],
+    let texture = texture
+        .unwrap_or_else(|| whole[F_MEAN][F_MEAN] - whole[F_MEAN][F_ONE].powi(2) / count)
+        .max(0.0);
+    const LIGHT: [usize; 3] = [F_ONE, F_MEAN, F_DIFFERENCE];
+    Some(Block {
+        gradient: [
+            [gram[F_GX][F_GX], gram[F_GX][F_GY]],
+            [gram[F_GY][F_GX], gram[F_GY][F_GY]],
+        ],
+        difference: [gram[F_GX][F_DIFFERENCE], gram[F_GY][F_DIFFERENCE]],
         count,
         degrees,
-        texture: detrended[MEAN][MEAN].max(0.0),
-        residual,
-        variance: residual / degrees,
+        texture,
+        gain,
+        residual: gram[F_DIFFERENCE][F_DIFFERENCE].max(0.0),
+        light: LIGHT.map(|i| LIGHT.map(|j| whole[i][j])),
     })
+}
+
+/// The sums with x and y counted from a point (dx, dy) further back.
+fn moved(mut gram: Gram, dx: f64, dy: f64) -> Gram {
+    for (feature, by) in [(F_X, dx), (F_Y, dy)] {
+        for j in 0..FEATURES {
+            gram[feature][j] += by * gram[F_ONE][j];
+        }
+        for i in 0..FEATURES {
+            gram[i][feature] += by * gram[i][F_ONE];
+        }
+    }
+    gram
+}
+
+/// Merges blocks of tiles as long as one model of the light fits them.
+struct Merger<'a> {
+    grams: &'a [Gram],
+    tiling: &'a Tiling,
+    light: Light,
+    /// Sum of squares that one more unknown takes out of filtered white noise of unit variance.
+    absorbed: f64,
+}
+
+impl Merger<'_> {
+    /// The sums over a block of tiles, about its own middle, and the blocks that it is best cut into.
+    fn blocks(&self, columns: Range<usize>, rows: Range<usize>) -> (Gram, [f64; 2], Vec<Block>) {
+        if columns.len() == 1 && rows.len() == 1 {
+            let index = rows.start * self.tiling.across() + columns.start;
+            let gram = self.grams[index];
+            let middle = self.tiling.middle(columns.start, rows.start);
+            return (
+                gram,
+                middle,
+                reduce(&gram, self.light).into_iter().collect(),
+            );
+        }
+        let halves = |range: &Range<usize>| {
+            let middle = range.start + range.len().div_ceil(2);
+            [range.start..middle, middle..range.end]
+        };
+        let mut parts = Vec::with_capacity(4);
+        for rows in halves(&rows) {
+            for columns in halves(&columns) {
+                if !columns.is_empty() && !rows.is_empty() {
+                    parts.push(self.blocks(columns.clone(), rows.clone()));
+                }
+            }
+        }
+        let count = parts.len() as f64;
+        let middle: [f64; 2] =
+            std::array::from_fn(|axis| parts.iter().map(|part| part.1[axis]).sum::<f64>() / count);
+        let mut gram = [[0.0; FEATURES]; FEATURES];
+        for (part, at, _) in &parts {
+            let part = moved(*part, at[0] - middle[0], at[1] - middle[1]);
+            for i in 0..FEATURES {
+                for j in 0..FEATURES {
+                    gram[i][j] += part[i][j];
+                }
+            }
+        }
+        let cut: Vec<Block> = parts.into_iter().flat_map(|part| part.2).collect();
+        let merged = reduce(&gram, self.light).filter(|merged| self.fits(merged, &cut));
+        (gram, middle, merged.map_or(cut, |merged| vec![merged]))
+    }
+
+    /// Whether one model explains the block as well as a model for each of its parts.
+    fn fits(&self, merged: &Block, cut: &[Block]) -> bool {
+        let residual: f64 = cut.iter().map(|block| block.residual).sum();
+        let degrees: f64 = cut.iter().map(|block| block.degrees).sum();
+        let unknowns = merged.degrees - degrees;
+        if unknowns <= 0.0 {
+            return true;
+        }
+        // Noise alone gives each unknown `absorbed` times the variance on average; three deviations above is light.
+        let allowed = self.absorbed * (unknowns + 3.0 * (2.0 * unknowns).sqrt());
+        merged.residual - residual <= allowed * residual / degrees
+    }
 }
 
 /// The weighted combination of all tiles; `None` if no tile has enough pixels.
 pub(super) fn solve(
-    grams: &[Gram],
-    illumination: Illumination,
+    tiles: &[Tile],
+    tiling: &Tiling,
+    weighted: bool,
+    light: Light,
     noise: NoiseGain,
+    place: [Place; 2],
 ) -> Option<Solution> {
-    let tiles: Vec<Option<Tile>> = grams
+    let mut laplacian = 0.0;
+    let grams: Vec<Gram> = tiles
         .iter()
-        .map(|gram| reduce(*gram, illumination))
+        .enumerate()
+        .map(|(index, tile)| {
+            let (gram, energy) = tile.gram(index, tiling, weighted);
+            laplacian += energy;
+            gram
+        })
         .collect();
-    let mut variances: Vec<f64> = tiles.iter().flatten().map(|tile| tile.variance).collect();
-    if variances.is_empty() {
+    let merger = Merger {
+        grams: &grams,
+        tiling,
+        light,
+        absorbed: 1.0 / noise.sampled,
+    };
+    let (whole, _, blocks) = merger.blocks(0..tiling.across(), 0..tiling.down());
+    if blocks.is_empty() {
         return None;
     }
-    variances.sort_by(f64::total_cmp);
-    // A tile may count for at most twice a typical one: a flat one fits well without telling anything.
-    let floor = (0.5 * variances[variances.len() / 2]).max(1e-12);
+    let typical = quantile(&blocks, 0.3);
     let mut a = [[0.0; 2]; 2];
     let mut b = [0.0; 2];
     let mut c = [[0.0; 2]; 2];
-    let (mut texture, mut residual, mut degrees) = (0.0, 0.0, 0.0);
+    let (mut texture, mut residual, mut degrees, mut weights) = (0.0, 0.0, 0.0, 0.0);
     let mut noise_part = [0.0; 2];
-    let mut light: Gram = [[0.0; FEATURES]; FEATURES];
-    for (tile, gram) in tiles.iter().zip(grams) {
-        let Some(tile) = tile else { continue };
-        let weight = 1.0 / tile.variance.max(floor);
-        let in_band = tile.variance / noise.sampled;
+    let mut overall = [[0.0; 3]; 3];
+    // Where the gradients' energy lies in frequency: the smoothing of the frames damps noise there.
+    let gradients = whole[F_GX][F_GX] + whole[F_GY][F_GY];
+    let variance = quantile(&blocks, 0.5) / noise.sampled / 4.0;
+    let pixels = whole[F_ONE][F_ONE];
+    let clean = |sum: f64, gain: f64| (sum - pixels * variance * gain).max(0.05 * sum);
+    let curvature = clean(laplacian, noise.laplacian)
+        / clean(gradients, noise.gradient[0] + noise.gradient[1]).max(1e-12);
+    let damped = 1.0 / (1.0 + 0.5 * curvature);
+    for block in &blocks {
+        let variance = block.variance();
+        let weight = weight_of(variance, typical);
+        let in_band = variance.max(1e-12) / noise.sampled;
         for i in 0..2 {
-            b[i] += weight * tile.difference[i];
+            b[i] += weight * block.difference[i];
             for j in 0..2 {
-                a[i][j] += weight * tile.gradient[i][j];
-                c[i][j] += weight * weight * in_band * tile.gradient[i][j];
+                a[i][j] += weight * block.gradient[i][j];
+                c[i][j] += weight * weight * in_band * damped * block.gradient[i][j];
             }
+            // The mean of two frames has a quarter of the variance of their difference.
+            noise_part[i] += weight * block.count * in_band / 4.0 * noise.gradient[i];
         }
-        // The mean of two frames has a quarter of the variance of their difference.
-        for axis in 0..2 {
-            noise_part[axis] += weight * tile.count * in_band / 4.0 * noise.gradient[axis];
-        }
-        texture += weight * tile.texture;
-        residual += weight * tile.residual;
-        degrees += weight * tile.degrees;
-        for i in [ONE, MEAN, DIFFERENCE] {
-            for j in [ONE, MEAN, DIFFERENCE] {
-                light[i][j] += weight * gram[i][j];
-            }
+        weights += weight * block.count;
+        texture += weight * block.texture;
+        residual += weight * block.residual;
+        degrees += weight * block.degrees;
+        for (to, from) in overall
+            .iter_mut()
+            .flatten()
+            .zip(block.light.iter().flatten())
+        {
+            *to += weight * from;
         }
     }
-    let (alpha, beta) = overall_light(&light, illumination);
+    let (alpha, beta) = overall_light(&overall, light);
     let determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0];
-    let step = if determinant > 1e-12 * (a[0][0] + a[1][1]).powi(2) {
+    let step = if determinant > 1e-9 * (a[0][0] + a[1][1]).powi(2) {
         [
             -(a[1][1] * b[0] - a[0][1] * b[1]) / determinant,
             -(a[0][0] * b[1] - a[1][0] * b[0]) / determinant,
@@ -165,43 +290,148 @@ pub(super) fn solve(
         [0.0; 2]
     };
     // Noise adds to the sums of squared gradients, and not to what they tell.
-    let cross = (a[0][1] + a[1][0]) / 2.0;
     let clean = [
-        [a[0][0] - noise_part[0], cross],
-        [cross, a[1][1] - noise_part[1]],
+        [a[0][0] - noise_part[0], a[0][1]],
+        [a[1][0], a[1][1] - noise_part[1]],
     ];
+    let floor = ((noise_part[0] + noise_part[1]) / 2.0).max(1e-9 * weights);
     Some(Solution {
         step,
         covariance: sandwich(clean, c),
-        information: eigenvalues(clean)
-            .map(|value| 2.0 * value / (noise_part[0] + noise_part[1]).max(1e-12)),
+        information: eigenvalues(clean).map(|value| value / floor),
         correlation: (texture - residual / 4.0) / (texture + residual / 4.0).max(1e-12),
         residual: (residual / degrees).sqrt(),
         alpha,
         beta,
+        count: pixels,
+        gain: if light.gain {
+            gain_field(&grams, tiling, light, place)
+        } else {
+            [0.0; 4]
+        },
     })
 }
 
-fn overall_light(light: &Gram, illumination: Illumination) -> (f64, f64) {
-    let (count, mean, difference) = (light[ONE][ONE], light[ONE][MEAN], light[ONE][DIFFERENCE]);
-    match illumination {
-        Illumination::None => (0.0, 0.0),
-        Illumination::Offset => (0.0, difference / count),
-        Illumination::GainOffset => {
-            let spread = light[MEAN][MEAN] - mean * mean / count;
-            let alpha = if spread > 1e-9 * light[MEAN][MEAN] {
-                (light[MEAN][DIFFERENCE] - mean * difference / count) / spread
-            } else {
-                0.0
+/// Fit the tiles' gains by a plane over the window, and by their grey level. Zero if the tiles are few, or if light
+/// does not follow such a field.
+fn gain_field(grams: &[Gram], tiling: &Tiling, light: Light, place: [Place; 2]) -> [f64; 4] {
+    // In gain over the window, and in gain over 64 grey levels: what is not seen is held to this.
+    const SPREAD: f64 = 0.3;
+    const GREY: f64 = 64.0;
+    struct Sample {
+        regressors: [f64; 4],
+        gain: f64,
+        weight: f64,
+    }
+    let mut samples = Vec::with_capacity(grams.len());
+    for row in 0..tiling.down() {
+        for column in 0..tiling.across() {
+            let whole = &grams[row * tiling.across() + column];
+            let Some(block) = reduce(whole, light) else {
+                continue;
             };
-            (alpha, (difference - alpha * mean) / count)
+            if block.texture <= 1e-6 * whole[F_MEAN][F_MEAN] || block.texture <= 0.0 {
+                continue;
+            }
+            let at = tiling.middle_pixels(column, row);
+            samples.push(Sample {
+                regressors: [
+                    1.0,
+                    place[0].of(at[0]),
+                    place[1].of(at[1]),
+                    whole[F_ONE][F_MEAN] / block.count / GREY,
+                ],
+                gain: block.gain,
+                weight: block.texture / block.variance().max(1e-3),
+            });
         }
     }
+    if samples.len() < 9 {
+        return [0.0; 4];
+    }
+    let mut system = [[0.0; 5]; 4];
+    for sample in &samples {
+        for i in 0..4 {
+            for j in 0..4 {
+                system[i][j] += sample.weight * sample.regressors[i] * sample.regressors[j];
+            }
+            system[i][4] += sample.weight * sample.regressors[i] * sample.gain;
+        }
+    }
+    for i in 0..4 {
+        system[i][i] += 1.0 / (SPREAD * SPREAD);
+    }
+    for i in 0..4 {
+        // The matrix is symmetric and positive: no pivoting.
+        let row = system[i];
+        for (index, other) in system.iter_mut().enumerate() {
+            if index != i {
+                let factor = other[i] / row[i];
+                for j in i..5 {
+                    other[j] -= factor * row[j];
+                }
+            }
+        }
+    }
+    let field: [f64; 4] = std::array::from_fn(|i| system[i][4] / system[i][i]);
+    let (mut misfit, mut before) = (0.0, 0.0);
+    for sample in &samples {
+        let fitted: f64 = (0..4).map(|i| field[i] * sample.regressors[i]).sum();
+        misfit += sample.weight * (sample.gain - fitted).powi(2);
+        before += sample.weight * (sample.gain - field[0]).powi(2);
+    }
+    // A field that leaves most of the variation is not one: the border of a shadow, or no match at all.
+    let noise = 4.0 * samples.len() as f64;
+    if misfit > noise.max(0.25 * before) {
+        return [0.0; 4];
+    }
+    [field[0], field[1], field[2], field[3] / GREY]
+}
+
+/// The residual variance below which this share of the pixels lies.
+fn quantile(blocks: &[Block], share: f64) -> f64 {
+    let mut order: Vec<(f64, f64)> = blocks
+        .iter()
+        .map(|block| (block.variance(), block.count))
+        .collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let limit = share * order.iter().map(|(_, count)| count).sum::<f64>();
+    let mut seen = 0.0;
+    for (variance, count) in &order {
+        seen += count;
+        if seen >= limit {
+            return *variance;
+        }
+    }
+    0.0
+}
+
+/// The weight of a block by its residual variance. One that fits better than typical counts for at most twice as much:
+/// a flat one fits well and tells nothing. One that fits far worse shows the border of a shadow or a motion of its own
+/// and counts for less than its variance says.
+fn weight_of(variance: f64, typical: f64) -> f64 {
+    let floored = variance.max(0.5 * typical).max(1e-12);
+    let outlying = (4.0 * typical.max(1e-12) / floored).min(1.0);
+    outlying / floored
+}
+
+fn overall_light(sums: &[[f64; 3]; 3], light: Light) -> (f64, f64) {
+    let (count, mean, difference) = (sums[0][0], sums[0][1], sums[0][2]);
+    if !light.offset {
+        return (0.0, 0.0);
+    }
+    let spread = sums[1][1] - mean * mean / count;
+    let alpha = if light.gain && spread > 1e-9 * sums[1][1] {
+        (sums[1][2] - mean * difference / count) / spread
+    } else {
+        0.0
+    };
+    (alpha, (difference - alpha * mean) / count)
 }
 
 fn sandwich(a: [[f64; 2]; 2], c: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
     let determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0];
-    if determinant <= 0.0 {
+    if determinant <= 0.0 || a[0][0] <= 0.0 {
         return [[f64::INFINITY, 0.0], [0.0, f64::INFINITY]];
     }
     let inverse = [
