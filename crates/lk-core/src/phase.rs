@@ -67,14 +67,14 @@ pub(crate) fn phase_correlation(prev: &Plane, next: &Plane) -> Result<Plane> {
         let mean = a
             .iter()
             .zip(&b)
-            .map(|(p, n)| f64::from((p.conj() * n).norm()))
+            .map(|(p, n)| f64::from((p.conj() * n).norm_sqr().sqrt()))
             .sum::<f64>()
             / a.len() as f64;
         // A floor of one mean: frequencies below it are weighted by their power, those above count alike.
         let floor = mean as f32 + f32::MIN_POSITIVE;
         for (p, n) in a.iter_mut().zip(&b) {
             let cross = p.conj() * n;
-            *p = cross / (cross.norm() + floor);
+            *p = cross / (cross.norm_sqr().sqrt() + floor);
         }
         inverse(planners, a, &mut surface)?;
         Ok(surface)

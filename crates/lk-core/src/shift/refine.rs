@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use super::solve::{NoiseGain, Solution, solve};
-use super::sums::{LANES, Light, RowSums, Tile, Tiling};
+use super::sums::{LANES, Light, StripeSums, Tile, Tiling};
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
@@ -205,17 +205,15 @@ pub(super) fn look(
         RowsMut::new(&mut workspace.tiles, tiling.across()),
         |band, mut part| {
             for (local, stripe) in band.enumerate() {
-                for y in tiling.rows(stripe) {
-                    let kernel = RowSums {
-                        mean: std::array::from_fn(|k| clamped(mean, y as isize + k as isize - 2)),
-                        difference: difference.row(y),
-                        weight: weight.map(|plane| plane.row(y)),
-                        tiling: &tiling,
-                        y: tiling.y(stripe, y),
-                        tiles: part.row_mut(local),
-                    };
-                    dispatch(level, kernel);
-                }
+                let kernel = StripeSums {
+                    mean,
+                    difference,
+                    weight,
+                    tiling: &tiling,
+                    stripe,
+                    tiles: part.row_mut(local),
+                };
+                dispatch(level, kernel);
             }
         },
     )?;
@@ -333,11 +331,6 @@ fn weigh(pair: Pair<'_>, starts: [[usize; 2]; 2], width: usize, height: usize, w
     }
 }
 
-/// Row `y`, or the nearest there is: at the border the derivative becomes one-sided, at reduced weight.
-fn clamped(plane: &Plane, y: isize) -> &[f32] {
-    plane.row(y.clamp(0, plane.height() as isize - 1) as usize)
-}
-
 /// The rows that the taps read for the row that begins at `start`.
 fn taps_rows(plane: &Plane, start: [usize; 2], width: usize) -> [&[f32]; 2 * RADIUS + 1] {
     let columns = start[0] - RADIUS..start[0] + width + RADIUS;
@@ -362,25 +355,17 @@ impl Kernel for Sample<'_> {
     fn run(self) {
         let [p, n] = self.temporary;
         let length = p.len();
-        let [ta, tb, tc, td, te] = self.taps[1];
-        let [a, b, c, d, e] = self.prev.map(|row| &row[..length]);
-        for x in 0..length {
-            p[x] = (te * a[x] + ta * e[x]) + (td * b[x] + tb * d[x]) + tc * c[x];
-        }
-        let [a, b, c, d, e] = self.next.map(|row| &row[..length]);
-        let n = &mut n[..length];
-        for x in 0..length {
-            n[x] = (ta * a[x] + te * e[x]) + (tb * b[x] + td * d[x]) + tc * c[x];
-        }
-        let [ta, tb, tc, td, te] = self.taps[0];
         let width = length - 2 * RADIUS;
+        down(self.prev, reversed(self.taps[1]), p);
+        down(self.next, self.taps[1], n);
+        let p = shifted(p, width);
+        let n = shifted(n, width);
+        let [ta, tb, tc, td, te] = self.taps[0];
         let mean = &mut self.mean[RADIUS..RADIUS + width];
         let difference = &mut self.difference[..width];
         for x in 0..width {
-            let s = &p[x..x + 5];
-            let prev = (te * s[0] + ta * s[4]) + (td * s[1] + tb * s[3]) + tc * s[2];
-            let s = &n[x..x + 5];
-            let next = (ta * s[0] + te * s[4]) + (tb * s[1] + td * s[3]) + tc * s[2];
+            let prev = (te * p[0][x] + ta * p[4][x]) + (td * p[1][x] + tb * p[3][x]) + tc * p[2][x];
+            let next = (ta * n[0][x] + te * n[4][x]) + (tb * n[1][x] + td * n[3][x]) + tc * n[2][x];
             mean[x] = 0.5 * (next + prev);
             difference[x] = next - prev;
         }
@@ -389,4 +374,26 @@ impl Kernel for Sample<'_> {
         self.mean[RADIUS + width..].fill(last);
         self.difference[width..].fill(0.0);
     }
+}
+
+#[inline(always)]
+fn reversed([a, b, c, d, e]: [f32; 2 * RADIUS + 1]) -> [f32; 2 * RADIUS + 1] {
+    [e, d, c, b, a]
+}
+
+/// The taps down the columns; outer pairs first, so that reversed taps on a mirrored picture give the same bits.
+#[inline(always)]
+fn down(rows: [&[f32]; 2 * RADIUS + 1], taps: [f32; 2 * RADIUS + 1], to: &mut [f32]) {
+    let length = to.len();
+    let [a, b, c, d, e] = rows.map(|row| &row[..length]);
+    for x in 0..length {
+        to[x] =
+            (taps[0] * a[x] + taps[4] * e[x]) + (taps[1] * b[x] + taps[3] * d[x]) + taps[2] * c[x];
+    }
+}
+
+/// The row from each of the taps' places on.
+#[inline(always)]
+fn shifted(row: &[f32], width: usize) -> [&[f32]; 2 * RADIUS + 1] {
+    std::array::from_fn(|k| &row[k..k + width])
 }

@@ -4,6 +4,7 @@
 
 use std::ops::Range;
 
+use super::gain::gain_field;
 use super::refine::Place;
 use super::sums::{
     F_DIFFERENCE, F_GX, F_GY, F_MEAN, F_ONE, F_X, F_Y, FEATURES, Gram, Light, Tile, Tiling,
@@ -29,6 +30,8 @@ pub(super) struct Solution {
     pub(super) gain: [f64; 4],
     /// Pixels that it rests on.
     pub(super) count: f64,
+    /// Squared Laplacians over squared gradients, divided by what white noise would give; 1 where there is neither.
+    pub(super) whiteness: f64,
 }
 
 impl Solution {
@@ -37,6 +40,11 @@ impl Solution {
     pub(super) fn matches(&self) -> bool {
         let chance = 5.0 / (self.count / 9.0 - 3.0).max(1.0).sqrt();
         self.correlation > chance.tanh().max(0.15)
+    }
+
+    /// Whether the frames show nothing but noise, or nothing at all.
+    pub(super) fn is_noise(&self) -> bool {
+        self.whiteness > 0.8
     }
 }
 
@@ -53,20 +61,20 @@ pub(super) struct NoiseGain {
 
 /// A block with its light eliminated.
 #[derive(Debug, Clone, Copy)]
-struct Block {
+pub(super) struct Block {
     gradient: [[f64; 2]; 2],
     difference: [f64; 2],
-    count: f64,
+    pub(super) count: f64,
     degrees: f64,
-    texture: f64,
+    pub(super) texture: f64,
     /// The gain, less 1, where light takes one.
-    gain: f64,
+    pub(super) gain: f64,
     residual: f64,
     light: [[f64; 3]; 3],
 }
 
 impl Block {
-    fn variance(&self) -> f64 {
+    pub(super) fn variance(&self) -> f64 {
         self.residual / self.degrees
     }
 }
@@ -90,7 +98,7 @@ fn eliminate(gram: &mut Gram, pivot: usize, size: f64) -> bool {
     true
 }
 
-fn reduce(whole: &Gram, light: Light) -> Option<Block> {
+pub(super) fn reduce(whole: &Gram, light: Light) -> Option<Block> {
     let mut gram = *whole;
     let count = gram[F_ONE][F_ONE];
     let mut degrees = count - 2.0;
@@ -304,88 +312,17 @@ pub(super) fn solve(
         alpha,
         beta,
         count: pixels,
+        whiteness: if gradients > 1e-6 * pixels {
+            laplacian / gradients * (noise.gradient[0] + noise.gradient[1]) / noise.laplacian
+        } else {
+            1.0
+        },
         gain: if light.gain {
             gain_field(&grams, tiling, light, place)
         } else {
             [0.0; 4]
         },
     })
-}
-
-/// Fit the tiles' gains by a plane over the window, and by their grey level. Zero if the tiles are few, or if light
-/// does not follow such a field.
-fn gain_field(grams: &[Gram], tiling: &Tiling, light: Light, place: [Place; 2]) -> [f64; 4] {
-    // In gain over the window, and in gain over 64 grey levels: what is not seen is held to this.
-    const SPREAD: f64 = 0.3;
-    const GREY: f64 = 64.0;
-    struct Sample {
-        regressors: [f64; 4],
-        gain: f64,
-        weight: f64,
-    }
-    let mut samples = Vec::with_capacity(grams.len());
-    for row in 0..tiling.down() {
-        for column in 0..tiling.across() {
-            let whole = &grams[row * tiling.across() + column];
-            let Some(block) = reduce(whole, light) else {
-                continue;
-            };
-            if block.texture <= 1e-6 * whole[F_MEAN][F_MEAN] || block.texture <= 0.0 {
-                continue;
-            }
-            let at = tiling.middle_pixels(column, row);
-            samples.push(Sample {
-                regressors: [
-                    1.0,
-                    place[0].of(at[0]),
-                    place[1].of(at[1]),
-                    whole[F_ONE][F_MEAN] / block.count / GREY,
-                ],
-                gain: block.gain,
-                weight: block.texture / block.variance().max(1e-3),
-            });
-        }
-    }
-    if samples.len() < 9 {
-        return [0.0; 4];
-    }
-    let mut system = [[0.0; 5]; 4];
-    for sample in &samples {
-        for i in 0..4 {
-            for j in 0..4 {
-                system[i][j] += sample.weight * sample.regressors[i] * sample.regressors[j];
-            }
-            system[i][4] += sample.weight * sample.regressors[i] * sample.gain;
-        }
-    }
-    for i in 0..4 {
-        system[i][i] += 1.0 / (SPREAD * SPREAD);
-    }
-    for i in 0..4 {
-        // The matrix is symmetric and positive: no pivoting.
-        let row = system[i];
-        for (index, other) in system.iter_mut().enumerate() {
-            if index != i {
-                let factor = other[i] / row[i];
-                for j in i..5 {
-                    other[j] -= factor * row[j];
-                }
-            }
-        }
-    }
-    let field: [f64; 4] = std::array::from_fn(|i| system[i][4] / system[i][i]);
-    let (mut misfit, mut before) = (0.0, 0.0);
-    for sample in &samples {
-        let fitted: f64 = (0..4).map(|i| field[i] * sample.regressors[i]).sum();
-        misfit += sample.weight * (sample.gain - fitted).powi(2);
-        before += sample.weight * (sample.gain - field[0]).powi(2);
-    }
-    // A field that leaves most of the variation is not one: the border of a shadow, or no match at all.
-    let noise = 4.0 * samples.len() as f64;
-    if misfit > noise.max(0.25 * before) {
-        return [0.0; 4];
-    }
-    [field[0], field[1], field[2], field[3] / GREY]
 }
 
 /// The residual variance below which this share of the pixels lies.

@@ -6,6 +6,7 @@
 use std::ops::Range;
 
 use super::refine::DERIVATIVE;
+use crate::frame::Plane;
 use crate::illumination::Illumination;
 use crate::simd::Kernel;
 
@@ -187,145 +188,149 @@ impl Tile {
     }
 }
 
-/// Add one row to the tiles that it crosses.
-pub(super) struct RowSums<'a> {
-    /// Rows y - 2 to y + 2 of the mean of both frames, with two columns of padding on each side.
-    pub(super) mean: [&'a [f32]; 5],
-    pub(super) difference: &'a [f32],
-    pub(super) weight: Option<&'a [f32]>,
+/// Sum up a stripe of tiles.
+pub(super) struct StripeSums<'a> {
+    /// The mean of both frames, with two columns of padding on the left and more on the right.
+    pub(super) mean: &'a Plane,
+    pub(super) difference: &'a Plane,
+    pub(super) weight: Option<&'a Plane>,
     pub(super) tiling: &'a Tiling,
-    pub(super) y: f32,
+    pub(super) stripe: usize,
     pub(super) tiles: &'a mut [Tile],
 }
 
-impl Kernel for RowSums<'_> {
+impl Kernel for StripeSums<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run(mut self) {
         let columns = &self.tiling.columns;
-        for (index, tile) in self.tiles.iter_mut().enumerate() {
+        let tiles = std::mem::take(&mut self.tiles);
+        for (index, tile) in tiles.iter_mut().enumerate() {
             let mut x = columns[index];
             let end = columns[index + 1];
-            let mut sums = tile.sums;
-            let mut place = [0.0f32; LANES];
-            let start = self.tiling.x(index, x);
-            let step = self.tiling.x(index, x + 1) - start;
-            for (lane, value) in place.iter_mut().enumerate() {
-                *value = start + step * lane as f32;
-            }
             while x < end {
-                let mut weight = [1.0f32; LANES];
                 let inside = (end - x).min(LANES);
-                weight[inside..].fill(0.0);
-                if let Some(row) = self.weight {
-                    for (w, other) in weight.iter_mut().zip(&row[x..]) {
-                        *w *= other;
-                    }
-                }
+                let place: [f32; LANES] =
+                    std::array::from_fn(|lane| self.tiling.x(index, x + lane));
                 if self.weight.is_none() && inside == LANES {
-                    chunk::<false>(
-                        &mut sums,
-                        self.mean,
-                        self.difference,
-                        x,
-                        &weight,
-                        &place,
-                        self.y,
-                    );
+                    self.column::<false>(&mut tile.sums, x, inside, &place);
                 } else {
-                    chunk::<true>(
-                        &mut sums,
-                        self.mean,
-                        self.difference,
-                        x,
-                        &weight,
-                        &place,
-                        self.y,
-                    );
+                    self.column::<true>(&mut tile.sums, x, inside, &place);
                 }
                 x += LANES;
-                for value in &mut place {
-                    *value += step * LANES as f32;
-                }
             }
-            tile.sums = sums;
         }
     }
 }
 
-#[inline(always)]
-fn chunk<const WEIGHTED: bool>(
-    sums: &mut [[f32; LANES]; SUMS],
-    mean: [&[f32]; 5],
-    difference: &[f32],
-    x: usize,
-    weight: &[f32; LANES],
-    place: &[f32; LANES],
-    y: f32,
-) {
-    // Column x of the region is column x + 2 of the padded mean.
-    let (Some(row), Some(r)) = (
-        mean[2][x..].first_chunk::<{ LANES + 4 }>(),
-        difference[x..].first_chunk::<LANES>(),
-    ) else {
-        return;
-    };
-    let (Some(a), Some(b), Some(c), Some(d)) = (
-        mean[0][x + 2..].first_chunk::<LANES>(),
-        mean[1][x + 2..].first_chunk::<LANES>(),
-        mean[3][x + 2..].first_chunk::<LANES>(),
-        mean[4][x + 2..].first_chunk::<LANES>(),
-    ) else {
-        return;
-    };
-    let mut pixel = [[0.0f32; LANES]; 4];
-    let mut laplacian = [0.0f32; LANES];
-    for k in 0..LANES {
-        pixel[GX][k] =
-            DERIVATIVE[3] * (row[k + 3] - row[k + 1]) + DERIVATIVE[4] * (row[k + 4] - row[k]);
-        pixel[GY][k] = DERIVATIVE[3] * (c[k] - b[k]) + DERIVATIVE[4] * (d[k] - a[k]);
-        pixel[MEAN][k] = row[k + 2];
-        pixel[DIFFERENCE][k] = r[k];
-        laplacian[k] = ((row[k + 1] + row[k + 3]) + (b[k] + c[k])) - 4.0 * row[k + 2];
-    }
-    if WEIGHTED {
-        for k in 0..LANES {
-            for value in &mut pixel {
-                value[k] *= weight[k];
-            }
-            laplacian[k] *= weight[k];
-        }
-    }
-    let mut next = PRODUCTS;
-    for i in 0..4 {
-        for j in i..4 {
+impl StripeSums<'_> {
+    /// Add the lanes from column `x` on, of all rows of the stripe; `inside` of them are in the tile.
+    #[inline(always)]
+    fn column<const WEIGHTED: bool>(
+        &self,
+        total: &mut [[f32; LANES]; SUMS],
+        x: usize,
+        inside: usize,
+        place: &[f32; LANES],
+    ) {
+        let height = self.mean.height() as isize;
+        let row = |y: usize, by: isize| {
+            self.mean
+                .row((y as isize + by).clamp(0, height - 1) as usize)
+        };
+        let mut products = [[0.0f32; LANES]; 10];
+        let mut plain = [[0.0f32; LANES]; 4];
+        let mut times_y = [[0.0f32; LANES]; 4];
+        let mut bent = [0.0f32; LANES];
+        let mut place_sums = [[0.0f32; LANES]; 6];
+        for y in self.tiling.rows(self.stripe) {
+            // Column x of the region is column x + 2 of the padded mean.
+            let (Some(m), Some(r), Some(a), Some(b), Some(c), Some(d)) = (
+                row(y, 0)[x..].first_chunk::<{ LANES + 4 }>(),
+                self.difference.row(y)[x..].first_chunk::<LANES>(),
+                row(y, -2)[x + 2..].first_chunk::<LANES>(),
+                row(y, -1)[x + 2..].first_chunk::<LANES>(),
+                row(y, 1)[x + 2..].first_chunk::<LANES>(),
+                row(y, 2)[x + 2..].first_chunk::<LANES>(),
+            ) else {
+                return;
+            };
+            let place_y = self.tiling.y(self.stripe, y);
+            let mut pixel = [[0.0f32; LANES]; 4];
+            let mut laplacian = [0.0f32; LANES];
             for k in 0..LANES {
-                sums[next][k] += pixel[i][k] * pixel[j][k];
+                pixel[GX][k] =
+                    DERIVATIVE[3] * (m[k + 3] - m[k + 1]) + DERIVATIVE[4] * (m[k + 4] - m[k]);
             }
-            next += 1;
+            for k in 0..LANES {
+                pixel[GY][k] = DERIVATIVE[3] * (c[k] - b[k]) + DERIVATIVE[4] * (d[k] - a[k]);
+            }
+            pixel[MEAN].copy_from_slice(&m[2..LANES + 2]);
+            pixel[DIFFERENCE] = *r;
+            for k in 0..LANES {
+                laplacian[k] = ((m[k + 1] + m[k + 3]) + (b[k] + c[k])) - 4.0 * m[k + 2];
+            }
+            if WEIGHTED {
+                let mut weight = [1.0f32; LANES];
+                weight[inside..].fill(0.0);
+                if let Some(plane) = self.weight {
+                    for (w, other) in weight.iter_mut().zip(&plane.row(y)[x..]) {
+                        *w *= other;
+                    }
+                }
+                for k in 0..LANES {
+                    for value in &mut pixel {
+                        value[k] *= weight[k];
+                    }
+                    laplacian[k] *= weight[k];
+                }
+                for k in 0..LANES {
+                    let w = weight[k];
+                    let wx = w * place[k];
+                    place_sums[0][k] += w;
+                    place_sums[1][k] += wx;
+                    place_sums[2][k] += w * place_y;
+                    place_sums[3][k] += wx * place[k];
+                    place_sums[4][k] += wx * place_y;
+                    place_sums[5][k] += w * place_y * place_y;
+                }
+            }
+            let mut next = 0;
+            for i in 0..4 {
+                for j in i..4 {
+                    for k in 0..LANES {
+                        products[next][k] += pixel[i][k] * pixel[j][k];
+                    }
+                    next += 1;
+                }
+            }
+            for i in 0..4 {
+                for k in 0..LANES {
+                    plain[i][k] += pixel[i][k];
+                }
+                for k in 0..LANES {
+                    times_y[i][k] += pixel[i][k] * place_y;
+                }
+            }
+            for k in 0..LANES {
+                bent[k] += laplacian[k] * laplacian[k];
+            }
         }
-    }
-    for i in 0..4 {
         for k in 0..LANES {
-            sums[PLAIN + i][k] += pixel[i][k];
-            sums[TIMES_X + i][k] += pixel[i][k] * place[k];
-            sums[TIMES_Y + i][k] += pixel[i][k] * y;
-        }
-    }
-    for k in 0..LANES {
-        sums[LAPLACIAN][k] += laplacian[k] * laplacian[k];
-    }
-    if WEIGHTED {
-        for k in 0..LANES {
-            let w = weight[k];
-            let wx = w * place[k];
-            sums[WEIGHT][k] += w;
-            sums[WEIGHT + 1][k] += wx;
-            sums[WEIGHT + 2][k] += w * y;
-            sums[WEIGHT + 3][k] += wx * place[k];
-            sums[WEIGHT + 4][k] += wx * y;
-            sums[WEIGHT + 5][k] += w * y * y;
+            for i in 0..10 {
+                total[PRODUCTS + i][k] += products[i][k];
+            }
+            for i in 0..4 {
+                total[PLAIN + i][k] += plain[i][k];
+                // A lane of a column has one x.
+                total[TIMES_X + i][k] += plain[i][k] * place[k];
+                total[TIMES_Y + i][k] += times_y[i][k];
+            }
+            for i in 0..6 {
+                total[WEIGHT + i][k] += place_sums[i][k];
+            }
+            total[LAPLACIAN][k] += bent[k];
         }
     }
 }

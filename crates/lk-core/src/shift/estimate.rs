@@ -1,0 +1,166 @@
+//! From the start at a coarse level down to the displacement, and whether to believe it.
+
+use super::inputs::Inputs;
+use super::refine::{GainField, Look, REACH, Workspace, look};
+use super::solve::{Solution, eigenvalues};
+use super::start::{Start, best_start};
+use super::{Shift, ShiftOptions, ShiftStatus};
+use crate::error::Result;
+
+/// A standard deviation above this is no measurement, in pixels.
+const MAX_SIGMA: f64 = 0.2;
+const COARSE_TILE: usize = 8;
+/// The iteration has settled once a step is below this, in pixels.
+const SETTLED: f64 = 1e-4;
+/// The same at a coarse level, in its pixels.
+const COARSE_SETTLED: f64 = 0.05;
+/// A step, made longer or shorter by what the one before it left, and the share of it that the next would be: the
+/// gradients are not exact, but their error is the same in each step.
+fn extrapolated(step: [f64; 2], before: Option<[f64; 2]>) -> ([f64; 2], f64) {
+    let square = before.map_or(0.0, |before| before[0] * before[0] + before[1] * before[1]);
+    let Some(before) = before.filter(|_| square > 0.0) else {
+        return (step, 1.0);
+    };
+    let along = (step[0] * before[0] + step[1] * before[1]) / square;
+    let left = along.clamp(-0.3, 0.3);
+    let ratio = (step[0].hypot(step[1]) / square.sqrt()).min(1.0);
+    (step.map(|value| value / (1.0 - left)), 0.3 * ratio)
+}
+impl Inputs {
+    pub(super) fn estimate(&self, limit: [f64; 2], options: &ShiftOptions) -> Result<Shift> {
+        let mut start: Option<Start> = None;
+        let mut from = self.levels;
+        for level in (0..=self.levels).rev() {
+            // The finer levels are for texture that the coarse ones do not show.
+            let scale = f64::from(1u32 << level);
+            let limit = limit.map(|value| (value / scale).ceil());
+            if let Some(found) = best_start(self.pair(level), limit, &options.execution)? {
+                if start.is_none_or(|best| found.better_than(&best)) {
+                    start = Some(found);
+                    from = level;
+                }
+                if found.convinces() {
+                    break;
+                }
+            }
+        }
+        let Some(start) = start else {
+            return Ok(Shift::invalid(ShiftStatus::TooLittleOverlap));
+        };
+        let mut displacement = start.displacement.map(|value| value as f64);
+        let mut match_found = false;
+        let mut gain = GainField::default();
+        let mut workspace = Workspace::default();
+        for level in (0..=from).rev() {
+            if level != from && level != 0 {
+                displacement = displacement.map(|value| 2.0 * value);
+                continue;
+            }
+            let finest = level == 0;
+            let mut whole = displacement.map(f64::round);
+            let mut before: Option<[f64; 2]> = None;
+            let mut steady = false;
+            let mut last = None;
+            for _ in 0..if finest { 20 } else { 6 } {
+                for (whole, exact) in whole.iter_mut().zip(displacement) {
+                    if (exact - *whole).abs() > REACH {
+                        *whole = exact.round();
+                        before = None;
+                    }
+                }
+                let how = Look {
+                    displacement,
+                    whole,
+                    illumination: options.illumination,
+                    gain,
+                    tile: if finest { self.tile } else { COARSE_TILE },
+                };
+                let Some(solution) =
+                    look(self.pair(level), how, &mut workspace, &options.execution)?
+                else {
+                    return Ok(Shift::invalid(ShiftStatus::TooLittleOverlap));
+                };
+                let (step, left) = extrapolated(solution.step, before);
+                let length = step[0].hypot(step[1]);
+                let damp = if length > 1.0 { 1.0 / length } else { 1.0 };
+                for (value, step) in displacement.iter_mut().zip(step) {
+                    *value += damp * step;
+                }
+                steady = length * left < if finest { SETTLED } else { COARSE_SETTLED };
+                last = Some((solution, gain));
+                if length < 0.2 && before.is_none() {
+                    for (to, more) in gain.0.iter_mut().zip(solution.gain) {
+                        *to += more;
+                    }
+                }
+                before = (length < 0.2).then_some(solution.step);
+                if steady {
+                    break;
+                }
+            }
+            let Some((solution, gain)) = last else {
+                return Ok(Shift::invalid(ShiftStatus::NotConverged));
+            };
+            if level == from {
+                match_found = solution.matches();
+            }
+            if finest {
+                return Ok(self.judge(displacement, limit, match_found, steady, &solution, gain));
+            }
+            displacement = displacement.map(|value| 2.0 * value);
+        }
+        Ok(Shift::invalid(ShiftStatus::NotConverged))
+    }
+
+    fn judge(
+        &self,
+        displacement: [f64; 2],
+        limit: [f64; 2],
+        match_found: bool,
+        steady: bool,
+        solution: &Solution,
+        field: GainField,
+    ) -> Shift {
+        let variance = eigenvalues(solution.covariance);
+        let [low, high] = solution.information;
+        let limit_sigma = MAX_SIGMA * MAX_SIGMA;
+        let status = if !match_found {
+            if solution.is_noise() {
+                ShiftStatus::NoTexture
+            } else {
+                ShiftStatus::NoMatch
+            }
+        } else if high <= 0.05 {
+            ShiftStatus::NoTexture
+        } else if low <= 0.05 || low <= 1e-4 * high {
+            ShiftStatus::Aperture
+        } else if variance[1].is_nan() || variance[1] > limit_sigma {
+            if variance[0] < 0.04 * variance[1] {
+                ShiftStatus::Aperture
+            } else {
+                ShiftStatus::NoTexture
+            }
+        } else if (0..2).any(|axis| displacement[axis].abs() > limit[axis] + 1.0) {
+            ShiftStatus::NoMatch
+        } else if !steady {
+            ShiftStatus::NotConverged
+        } else {
+            ShiftStatus::Valid
+        };
+        if status != ShiftStatus::Valid {
+            return Shift::invalid(status);
+        }
+        let alpha = solution.alpha + field.0[0];
+        let gain = (1.0 + alpha / 2.0) / (1.0 - alpha / 2.0);
+        let offset = solution.beta / (1.0 - alpha / 2.0);
+        Shift {
+            dx: displacement[0],
+            dy: displacement[1],
+            covariance: solution.covariance,
+            gain,
+            offset: offset + self.mean * (1.0 - gain),
+            residual: solution.residual,
+            status,
+        }
+    }
+}
