@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -161,3 +163,78 @@ def test_misuse_is_explained(options, error, message):
 def test_frames_of_different_size_are_explained():
     with pytest.raises(rsflow.ShapeError, match="next"):
         estimate_shift(np.zeros((9, 9), np.uint8), np.zeros((9, 8), np.uint8))
+
+
+def lit(frame: np.ndarray, kind: str) -> np.ndarray:
+    """The frame in light that changed in place."""
+    y, x = np.mgrid[0 : frame.shape[0], 0 : frame.shape[1]]
+    if kind == "spotlight":
+        return frame + 60 * np.exp(-((x - 50) ** 2 + (y - 20) ** 2) / (2 * 30**2))
+    if kind == "hard shadow":
+        return np.where(x + 0.5 * y > 40, 0.5 * frame, frame)
+    return frame * np.linspace(0.7, 1.3, frame.shape[1])
+
+
+@pytest.mark.parametrize(("kind", "limit"), [("ramp", 0.03), ("spotlight", 0.05), ("hard shadow", 0.1)])
+@pytest.mark.parametrize("seed", range(4))
+def test_light_that_changes_in_place(kind, limit, seed):
+    prev, nxt = pair(2.3 - seed, 0.8 * seed, noise=1.0, seed=seed)
+    shift = estimate_shift(prev, lit(nxt, kind).astype(np.float32))
+    assert shift.valid
+    assert np.hypot(shift.dx - 2.3 + seed, shift.dy - 0.8 * seed) < limit
+
+
+@pytest.mark.parametrize("sigma", [1.3, 4.0])
+@pytest.mark.parametrize("gain", [1.0, 0.7])
+def test_the_covariance_covers(sigma, gain):
+    rng = np.random.default_rng(round(10 * sigma + gain))
+    errors = []
+    for run in range(250):
+        if run % 10 == 0:
+            dx, dy = rng.uniform(-3, 3, 2)
+            prev, nxt = (frame.astype(np.float64) for frame in pair(dx, dy, seed=run, sigma=sigma))
+        frames = (prev, gain * nxt + 10)
+        shift = estimate_shift(*(np.round(f + rng.standard_normal(f.shape)).astype(np.uint8) for f in frames))
+        assert shift.valid
+        errors += [(shift.dx - dx) / np.sqrt(shift.covariance[0, 0]), (shift.dy - dy) / np.sqrt(shift.covariance[1, 1])]
+    inside = [np.mean(np.abs(errors) < deviations) for deviations in (1, 2)]
+    assert 0.60 < inside[0] < 0.76
+    assert 0.90 < inside[1] < 0.99
+
+
+@pytest.mark.parametrize("sigma", [1.3, 5.0])
+def test_unrelated_windows_are_no_match(sigma):
+    for seed in range(10):
+        prev, _ = pair(0, 0, seed=seed, noise=1.0, sigma=sigma)
+        nxt, _ = pair(0, 0, seed=seed + 500, noise=1.0, sigma=sigma)
+        assert estimate_shift(prev, nxt).status == ShiftStatus.NO_MATCH
+
+
+def test_noise_is_no_texture():
+    rng = np.random.default_rng(4)
+    prev, nxt = (rng.normal(100, 5, (80, 80)).astype(np.float32) for _ in range(2))
+    assert estimate_shift(prev, nxt).status == ShiftStatus.NO_TEXTURE
+
+
+def test_the_command_prints_what_was_measured(tmp_path, capsys):
+    cv2 = pytest.importorskip("cv2")
+    from rsflow.cli import main
+
+    paths = []
+    for name, frame in zip("ab", pair(3.25, -1.5), strict=True):
+        paths.append(str(tmp_path / f"{name}.png"))
+        cv2.imwrite(paths[-1], np.round(frame).astype(np.uint8))
+    assert main(["shift", *paths, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["valid"]
+    assert found["dx"] == pytest.approx(3.25, abs=0.02)
+    assert main(["shift", *paths, "--roi", "10,10,40,40"]) == 0
+    text = capsys.readouterr().out
+    assert "sigma_x" in text
+    assert "VALID: measured" in text
+    flat = str(tmp_path / "flat.png")
+    cv2.imwrite(flat, np.full((60, 60), 9, dtype=np.uint8))
+    assert main(["shift", flat, flat, "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["dx"] is None
+    assert main(["shift", flat, str(tmp_path / "none.png")]) == 1
+    assert "none.png: No such file" in capsys.readouterr().err

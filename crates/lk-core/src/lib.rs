@@ -16,6 +16,7 @@ mod illumination;
 mod parallel;
 mod phase;
 mod pyramid;
+mod sample;
 mod shift;
 mod simd;
 mod track;
@@ -31,6 +32,7 @@ pub use frame::{Frame, Pixel, Plane};
 pub use illumination::Illumination;
 pub use parallel::{num_threads, set_num_threads};
 pub use pyramid::Pyramid;
+pub use sample::{Spline, bilinear};
 pub use shift::{Roi, Shift, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::Level;
 pub use track::{

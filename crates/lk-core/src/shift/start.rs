@@ -71,8 +71,9 @@ pub(super) fn best_start(
         execution.check()?;
         search.consider([0, 0]);
         search.try_peaks_of(pair)?;
-        search.climb();
     }
+    // Which of two neighbours the surface names first may hang on its rounding; the better one does not.
+    search.climb();
     Ok(search.best)
 }
 

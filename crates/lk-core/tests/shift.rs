@@ -1,0 +1,243 @@
+//! `estimate_shift` against a plain reference in f64, and its symmetries.
+
+use lk_core::{Execution, Illumination, Level, Shift, ShiftOptions, ShiftStatus, estimate_shift};
+use ndarray::{Array2, s};
+use proptest::prelude::*;
+
+/// A scene with structure at several scales, from a seed.
+fn scene(seed: u32) -> impl Fn(f64, f64) -> f64 {
+    let mut state = u64::from(seed) * 2 + 1;
+    let mut random = move || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / f64::from(1u32 << 31)
+    };
+    let waves: Vec<[f64; 4]> = (0..40)
+        .map(|_| {
+            let frequency = 0.1 + 0.9 * random();
+            let angle = std::f64::consts::TAU * random();
+            let phase = std::f64::consts::TAU * random();
+            let height = 3.0 + 6.0 * random();
+            [
+                frequency * angle.cos(),
+                frequency * angle.sin(),
+                phase,
+                height,
+            ]
+        })
+        .collect();
+    move |x, y| {
+        120.0
+            + waves
+                .iter()
+                .map(|[a, b, phase, height]| height * (a * x + b * y + phase).sin())
+                .sum::<f64>()
+    }
+}
+
+fn pair(
+    seed: u32,
+    size: (usize, usize),
+    d: (f64, f64),
+    gain: f64,
+    offset: f64,
+) -> (Array2<f32>, Array2<f32>) {
+    let scene = scene(seed);
+    let prev = Array2::from_shape_fn(size, |(y, x)| scene(x as f64, y as f64) as f32);
+    let next = Array2::from_shape_fn(size, |(y, x)| {
+        (gain * scene(x as f64 - d.0, y as f64 - d.1) + offset) as f32
+    });
+    (prev, next)
+}
+
+fn estimate(prev: &Array2<f32>, next: &Array2<f32>) -> Shift {
+    estimate_shift(prev.view(), next.view(), None, &ShiftOptions::default()).unwrap()
+}
+
+/// A windowed sinc of radius 6: the slow and obvious way to look between pixels.
+fn sinc_at(frame: &Array2<f64>, x: f64, y: f64) -> f64 {
+    let kernel = |t: f64| {
+        let p = std::f64::consts::PI * t;
+        let sinc = if t == 0.0 { 1.0 } else { p.sin() / p };
+        sinc * (0.5 + 0.5 * (p / 6.5).cos())
+    };
+    let (left, top) = (x.floor() as isize - 5, y.floor() as isize - 5);
+    let (mut total, mut norm) = (0.0, 0.0);
+    for j in top..top + 12 {
+        for i in left..left + 12 {
+            let weight = kernel(x - i as f64) * kernel(y - j as f64);
+            total += weight * frame[(j as usize, i as usize)];
+            norm += weight;
+        }
+    }
+    total / norm
+}
+
+/// Least squares for displacement, gain and offset by Gauss and Newton in f64, from a start near the truth.
+fn reference(prev: &Array2<f32>, next: &Array2<f32>, start: (f64, f64)) -> (f64, f64) {
+    let (prev, next) = (prev.mapv(f64::from), next.mapv(f64::from));
+    let (height, width) = prev.dim();
+    let (mut u, mut v) = start;
+    let margin = 16;
+    for _ in 0..5 {
+        let mut normal = [[0.0f64; 5]; 4];
+        for y in margin..height - margin {
+            for x in margin..width - margin {
+                let (x, y) = (x as f64, y as f64);
+                let prev_at = |dx, dy| sinc_at(&prev, x - u / 2.0 + dx, y - v / 2.0 + dy);
+                let next_at = |dx, dy| sinc_at(&next, x + u / 2.0 + dx, y + v / 2.0 + dy);
+                let both = |dx: f64, dy: f64| f64::midpoint(prev_at(dx, dy), next_at(dx, dy));
+                let h = 0.25;
+                let row = [
+                    (both(h, 0.0) - both(-h, 0.0)) / (2.0 * h),
+                    (both(0.0, h) - both(0.0, -h)) / (2.0 * h),
+                    1.0,
+                    both(0.0, 0.0),
+                ];
+                let difference = next_at(0.0, 0.0) - prev_at(0.0, 0.0);
+                for i in 0..4 {
+                    for j in 0..4 {
+                        normal[i][j] += row[i] * row[j];
+                    }
+                    normal[i][4] += row[i] * difference;
+                }
+            }
+        }
+        for i in 0..4 {
+            let pivot = normal[i];
+            for (index, other) in normal.iter_mut().enumerate() {
+                let factor = if index == i { 0.0 } else { other[i] / pivot[i] };
+                for j in 0..5 {
+                    other[j] -= factor * pivot[j];
+                }
+            }
+        }
+        u -= normal[0][4] / normal[0][0];
+        v -= normal[1][4] / normal[1][1];
+    }
+    (u, v)
+}
+
+#[test]
+fn agrees_with_the_reference() {
+    for (seed, d, gain, offset) in [
+        (1, (0.3, -0.4), 1.0, 0.0),
+        (2, (2.7, 1.2), 1.3, -15.0),
+        (3, (-3.45, 4.1), 0.6, 30.0),
+    ] {
+        let (prev, next) = pair(seed, (56, 60), d, gain, offset);
+        let found = estimate(&prev, &next);
+        let (u, v) = reference(&prev, &next, (d.0 + 0.1, d.1 - 0.1));
+        assert!(found.is_valid());
+        assert!((u - d.0).hypot(v - d.1) < 1e-3, "{u} {v} {d:?}");
+        assert!(
+            (found.dx - u).hypot(found.dy - v) < 2e-3,
+            "{found:?} {u} {v}"
+        );
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_motion_and_light_is_measured(
+        seed in 0u32..10_000, width in 40usize..90, height in 40usize..90,
+        share in (-0.3f64..0.3, -0.3f64..0.3), gain in 0.5f64..2.0, offset in -30.0f64..30.0
+    ) {
+        let d = (share.0 * width as f64, share.1 * height as f64);
+        let (prev, next) = pair(seed, (height, width), d, gain, offset);
+        let found = estimate(&prev, &next);
+        prop_assert_eq!(found.status, ShiftStatus::Valid);
+        prop_assert!((found.dx - d.0).hypot(found.dy - d.1) < 0.01, "{:?} {:?}", found, d);
+        prop_assert!((found.gain - gain).abs() < 0.02 * gain, "{:?} {}", found, gain);
+    }
+
+    #[test]
+    fn swapping_negates_and_transposing_transposes(
+        seed in 0u32..10_000, width in 24usize..70, height in 24usize..70,
+        d in (-4.0f64..4.0, -4.0f64..4.0)
+    ) {
+        let (prev, next) = pair(seed, (height, width), d, 1.1, 5.0);
+        let there = estimate(&prev, &next);
+        let back = estimate(&next, &prev);
+        prop_assert_eq!(there.status, back.status);
+        if there.is_valid() {
+            prop_assert_eq!((there.dx, there.dy), (-back.dx, -back.dy));
+        }
+        let turned = estimate_shift(prev.t(), next.t(), None, &ShiftOptions::default()).unwrap();
+        if there.is_valid() && turned.is_valid() {
+            let apart = (turned.dx - there.dy).hypot(turned.dy - there.dx);
+            prop_assert!(apart < 2e-3, "{:?} {:?}", there, turned);
+        }
+    }
+
+    #[test]
+    fn identical_frames_did_not_move(
+        seed in 0u32..10_000, width in 1usize..80, height in 1usize..80
+    ) {
+        let (prev, _) = pair(seed, (height, width), (0.0, 0.0), 1.0, 0.0);
+        let found = estimate(&prev, &prev);
+        if found.is_valid() {
+            prop_assert_eq!((found.dx, found.dy), (0.0, 0.0));
+        } else {
+            prop_assert!(found.dx.is_nan() && found.covariance[0][0].is_infinite());
+            prop_assert!(width < 32 || height < 32, "{:?} {} x {}", found, width, height);
+        }
+    }
+
+    #[test]
+    fn threads_and_levels_do_not_change_a_bit(
+        seed in 0u32..10_000, width in 20usize..200, height in 20usize..200,
+        d in (-6.0f64..6.0, -6.0f64..6.0)
+    ) {
+        let (prev, next) = pair(seed, (height, width), d, 0.9, 3.0);
+        let run = |execution: Execution| {
+            let options = ShiftOptions::default().execution(execution);
+            format!("{:?}", estimate_shift(prev.view(), next.view(), None, &options).unwrap())
+        };
+        let want = run(Execution::default().threads(1).level(Level::Baseline));
+        for level in Level::available() {
+            for threads in [1, 2, 7] {
+                prop_assert_eq!(&run(Execution::default().threads(threads).level(level)), &want);
+            }
+        }
+    }
+
+    #[test]
+    fn any_stride_is_read_alike(seed in 0u32..10_000, d in (-3.0f64..3.0, -3.0f64..3.0)) {
+        let (prev, next) = pair(seed, (90, 100), d, 1.0, 0.0);
+        let slice = s![5..85;2, 10..90;-2];
+        let (a, b) = (prev.slice(slice), next.slice(slice));
+        let options = ShiftOptions::default();
+        let strided = estimate_shift(a, b, None, &options).unwrap();
+        let (a, b) = (a.to_owned(), b.to_owned());
+        let packed = estimate_shift(a.view(), b.view(), None, &options).unwrap();
+        prop_assert_eq!(format!("{strided:?}"), format!("{packed:?}"));
+    }
+}
+
+#[test]
+fn frames_without_an_answer_get_a_status() {
+    let flat = Array2::from_elem((60, 60), 80.0f32);
+    assert_eq!(estimate(&flat, &flat).status, ShiftStatus::NoTexture);
+    let stripes = Array2::from_shape_fn((60, 60), |(_, x)| 100.0 + 30.0 * (0.7 * x as f32).sin());
+    assert_eq!(estimate(&stripes, &stripes).status, ShiftStatus::Aperture);
+    let (one, _) = pair(5, (60, 60), (0.0, 0.0), 1.0, 0.0);
+    let (other, _) = pair(77, (60, 60), (0.0, 0.0), 1.0, 0.0);
+    assert_eq!(estimate(&one, &other).status, ShiftStatus::NoMatch);
+    for size in [(0, 0), (0, 7), (1, 1), (7, 100)] {
+        let tiny = Array2::<f32>::zeros(size);
+        assert_eq!(estimate(&tiny, &tiny).status, ShiftStatus::TooSmall);
+    }
+}
+
+#[test]
+fn light_that_is_not_modelled_is_not_invented() {
+    let (prev, next) = pair(9, (60, 60), (1.5, -0.7), 1.0, 20.0);
+    let options = ShiftOptions::default().illumination(Illumination::Offset);
+    let found = estimate_shift(prev.view(), next.view(), None, &options).unwrap();
+    assert!((found.gain - 1.0).abs() < f64::EPSILON);
+    assert!((found.offset - 20.0).abs() < 0.1);
+}
