@@ -1,4 +1,5 @@
 //! `estimate_shift` against a plain reference in f64, and its symmetries.
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lk_core::{Execution, Illumination, Level, Shift, ShiftOptions, ShiftStatus, estimate_shift};
 use ndarray::{Array2, s};

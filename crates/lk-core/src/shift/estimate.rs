@@ -124,14 +124,12 @@ impl Inputs {
         let variance = eigenvalues(solution.covariance);
         let [low, high] = solution.information;
         let limit_sigma = MAX_SIGMA * MAX_SIGMA;
-        let status = if !match_found {
+        let status = if !match_found || high <= 0.05 {
             if solution.is_noise() {
                 ShiftStatus::NoTexture
             } else {
                 ShiftStatus::NoMatch
             }
-        } else if high <= 0.05 {
-            ShiftStatus::NoTexture
         } else if low <= 0.05 || low <= 1e-4 * high {
             ShiftStatus::Aperture
         } else if variance[1].is_nan() || variance[1] > limit_sigma {
