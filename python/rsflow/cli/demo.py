@@ -37,7 +37,7 @@ EXPECTED = {
     "displacement": 0.01,
     "velocity": 0.002,
     "way": 0.002,
-    "moving": 0.6,
+    "moving": 0.75,
 }
 
 
