@@ -105,7 +105,9 @@ def text(figures: dict[str, Any]) -> str:
     parts.append(f"the displacement was measured in {figures['measured']} of {pairs} pairs")
     if figures["measured"]:
         x, y = figures["displacement_sum_px"]
-        parts.append(f"in sum the picture went {x + 0.0:+.4g} px right and {y + 0.0:+.4g} px down")
+        parts.append(
+            f"in sum the picture went {round(x, 2) + 0.0:+.2f} px to the right and {round(y, 2) + 0.0:+.2f} px down"
+        )
     parts.append(f"{100 * figures['moving_share']:.1f} % of the picture moves on its own on average")
     lines = "; ".join(parts) + "."
     if figures.get("velocity_measured"):
