@@ -1,0 +1,16 @@
+"""Shared by all tests: scenes with exact truth come from rsflow.synthetic; photographs from scikit-image's wheel."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    """A generator whose seed follows from the test's name, so that a failure can be run again."""
+    seed = zlib.crc32(request.node.name.encode())
+    print(f"seed {seed}")
+    return np.random.default_rng(seed)

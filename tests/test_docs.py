@@ -1,0 +1,55 @@
+"""Every example runs: docstrings of the package, and the Python and shell blocks of the README and of docs/."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import os
+import pkgutil
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import rsflow
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```(python|sh)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def _modules() -> list[str]:
+    return sorted(
+        info.name for info in pkgutil.walk_packages(rsflow.__path__, "rsflow.") if not info.name.endswith("__main__")
+    )
+
+
+@pytest.mark.parametrize("name", _modules())
+def test_docstring_examples(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    module = importlib.import_module(name)
+    result = doctest.testmod(module, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    assert result.failed == 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_blocks_of_a_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Blocks run in order, in one folder and one namespace; a block after `<!-- not run: reason -->` does not."""
+    monkeypatch.chdir(tmp_path)
+    text = re.sub(r"<!-- not run: [^>]+-->\n```.*?^```$", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    namespace: dict[str, object] = {"__name__": "__page__"}
+    for language, code in BLOCK.findall(text):
+        if language == "python":
+            exec(compile(code, f"{page.name}: {code.splitlines()[0]}", "exec"), namespace)
+            continue
+        for line in code.replace("\\\n", " ").splitlines():
+            words = shlex.split(line, comments=True)
+            if not words:
+                continue
+            assert words[0] == "rsflow", f"{page.name}: a block runs {line!r}; only rsflow commands are run here"
+            done = subprocess.run(
+                [sys.executable, "-m", *words], capture_output=True, text=True, env=os.environ, timeout=240, check=False
+            )
+            assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
