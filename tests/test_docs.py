@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 import rsflow
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+
 import rsflow
 
 HEAVY = ("cv2", "matplotlib", "yaml", "tqdm", "av", "pyarrow", "scipy", "skimage")
@@ -14,7 +15,12 @@ HEAVY = ("cv2", "matplotlib", "yaml", "tqdm", "av", "pyarrow", "scipy", "skimage
 
 def run_python(code: str, **env: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **env}, timeout=120, check=False
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **env},
+        timeout=120,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
