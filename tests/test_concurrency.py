@@ -10,6 +10,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -64,7 +65,7 @@ def test_the_cpu_level_changes_no_bit(level: str):
         "import hashlib, sys; sys.path.insert(0, sys.argv[1]); import test_concurrency as t; "
         "dx, dy, rest = t.measure(); print(dx.hex(), dy.hex(), hashlib.sha256(rest).hexdigest())"
     )
-    here = os.path.dirname(__file__)
+    here = str(Path(__file__).parent)
     outputs = {
         subprocess.run(
             [sys.executable, "-c", code, here],
