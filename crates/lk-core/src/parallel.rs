@@ -167,15 +167,13 @@ where
     if rows == 0 {
         return Ok(());
     }
-    // Four bands a thread level out bands of unequal cost; one thread needs bands only to look at the cancel flag.
-    let band = rows
-        .div_ceil(if threads == 1 { 1 } else { 4 * threads })
-        .max(min_rows);
     if threads == 1 || rows <= min_rows {
         execution.check()?;
         work(0..rows, outputs);
         return Ok(());
     }
+    // Four bands a thread level out bands of unequal cost.
+    let band = rows.div_ceil(4 * threads).max(min_rows);
     pool(threads)?.install(|| halve(execution, 0..rows, band, outputs, &work))
 }
 
