@@ -120,32 +120,31 @@ def test_a_forked_child_works_and_so_does_its_parent():
 )
 @pytest.mark.parametrize("threads", [1, 2])
 def test_ctrl_c_is_honoured_within_0_2_s(call: str, threads: int):
-    """The child repeats one long call; it says when it starts and how long after the signal it got the exception."""
+    """The child repeats one long call and prints how long after each signal it got the exception."""
     code = textwrap.dedent(
         f"""
-        import os, signal, sys, threading, time
+        import os, signal, threading, time
         import numpy as np
         import rsflow
         rsflow.set_num_threads({threads})
-        frame = np.random.default_rng(0).integers(0, 255, (2600, 3900), dtype=np.uint8)
+        frame = np.random.default_rng(0).integers(0, 255, (2000, 3000), dtype=np.uint8)
         other = np.roll(frame, (3, 5), (0, 1))
-        y, x = np.mgrid[20:2580:6, 20:3880:6]
+        y, x = np.mgrid[20:1980:6, 20:2980:6]
         points = np.stack([x.ravel(), y.ravel()], 1).astype(np.float32)
         sent = []
         def interrupt():
-            time.sleep(0.35)
+            time.sleep(0.3)
             sent.append(time.perf_counter())
             os.kill(os.getpid(), signal.SIGINT)
-        threading.Thread(target=interrupt).start()
-        try:
-            while True:
-                {call}
-        except KeyboardInterrupt:
-            print(time.perf_counter() - sent[0])
+        for _ in range(3):
+            threading.Thread(target=interrupt).start()
+            try:
+                while True:
+                    {call}
+            except KeyboardInterrupt:
+                print(time.perf_counter() - sent[-1])
         """
     )
-    latencies = []
-    for _ in range(3):
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
-        latencies.append(float(done.stdout))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    latencies = [float(line) for line in done.stdout.split()]
     assert min(latencies) < 0.2, latencies
