@@ -59,6 +59,11 @@ impl Execution {
         self.level.unwrap_or_else(Level::detected)
     }
 
+    /// Whether there is a flag to look at.
+    pub(crate) fn is_cancellable(&self) -> bool {
+        self.cancel.is_some()
+    }
+
     /// [`Error::Cancelled`] once the cancel flag is true.
     pub(crate) fn check(&self) -> Result<()> {
         match &self.cancel {

@@ -14,6 +14,9 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 
+/// Shortest bands, of about 10 us or more each, between two looks at a cancel flag.
+const CANCELLABLE_BAND: usize = 16;
+
 static REQUESTED: AtomicUsize = AtomicUsize::new(0);
 
 /// The pools of one process, by thread count.
@@ -167,14 +170,43 @@ where
     if rows == 0 {
         return Ok(());
     }
+    // A call that can be cancelled must come by the flag often, however few threads share the rows.
+    let longest = if execution.is_cancellable() {
+        CANCELLABLE_BAND.saturating_mul(min_rows)
+    } else {
+        rows
+    };
     if threads == 1 || rows <= min_rows {
-        execution.check()?;
-        work(0..rows, outputs);
-        return Ok(());
+        return one_by_one(execution, 0..rows, longest, outputs, &work);
     }
     // Four bands a thread level out bands of unequal cost.
-    let band = rows.div_ceil(4 * threads).max(min_rows);
+    let band = rows.div_ceil(4 * threads).max(min_rows).min(longest);
     pool(threads)?.install(|| halve(execution, 0..rows, band, outputs, &work))
+}
+
+/// The bands in order, on the caller's thread.
+fn one_by_one<S, F>(
+    execution: &Execution,
+    rows: Range<usize>,
+    band: usize,
+    mut outputs: S,
+    work: &F,
+) -> Result<()>
+where
+    S: SplitRows,
+    F: Fn(Range<usize>, S) + Sync,
+{
+    let mut start = rows.start;
+    while rows.end - start > band {
+        execution.check()?;
+        let (part, rest) = outputs.split_at_row(band);
+        work(start..start + band, part);
+        outputs = rest;
+        start += band;
+    }
+    execution.check()?;
+    work(start..rows.end, outputs);
+    Ok(())
 }
 
 fn halve<S, F>(
@@ -216,7 +248,8 @@ mod tests {
                 for min_rows in [1, 3, 50] {
                     let mut seen = vec![0u32; rows * 2];
                     let mut index = vec![0usize; rows];
-                    let execution = Execution::default().threads(threads);
+                    let flag = Arc::new(AtomicBool::new(false));
+                    let execution = Execution::default().threads(threads).cancel(flag);
                     let outputs = (RowsMut::new(&mut seen, 2), RowsMut::new(&mut index, 1));
                     for_each_band(
                         &execution,
