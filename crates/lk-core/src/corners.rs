@@ -666,19 +666,18 @@ impl EightKernel for Maxima<'_> {
             // Most blocks hold no maximum, and whole lanes tell so at once.
             let whole = x + EIGHT < width;
             let count = if whole { EIGHT } else { width - 1 - x };
-            let mut bits = u8::MAX;
+            let mut bits = u8::MAX >> (EIGHT - count);
             if whole {
                 let value = L::load(here, x);
                 bits = value.at_least(threshold)
                     & value.at_least(L::load(above, x))
-                    & value.at_least(L::load(below, x));
+                    & value.at_least(L::load(below, x))
+                    & value.at_least(L::load(here, x - 1))
+                    & value.at_least(L::load(here, x + 1));
             }
-            if bits != 0 {
-                for lane in 0..count {
-                    if bits & (1 << lane) != 0 {
-                        self.look(above, here, below, x + lane);
-                    }
-                }
+            while bits != 0 {
+                self.look(above, here, below, x + bits.trailing_zeros() as usize);
+                bits &= bits - 1;
             }
             x += count;
         }

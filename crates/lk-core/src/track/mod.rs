@@ -16,6 +16,8 @@ mod stream;
 #[cfg(test)]
 mod tests;
 
+use std::cell::Cell;
+
 use ndarray::ArrayView2;
 
 pub use bouguet::{BouguetOptions, BouguetPoint, track_bouguet};
@@ -58,11 +60,33 @@ pub fn track_points<T: Pixel>(
         ));
     }
     let levels = options.levels_for(width, height);
-    let prev = Pyramid::new(prev, levels, &options.execution)?;
-    let next = Pyramid::new(next, levels, &options.execution)?;
+    let mut kept = KEPT.take();
+    kept.prev.rebuild(prev, levels, &options.execution)?;
+    kept.next.rebuild(next, levels, &options.execution)?;
     let mut tracks = Vec::new();
-    track_pyramids(&prev, &next, points, initial, mask, options, &mut tracks)?;
+    let guesses = Guesses { initial, mask };
+    let Kept { prev, next, memory } = &mut kept;
+    track_keeping(prev, next, points, guesses, options, memory, &mut tracks)?;
+    if width * height <= LARGEST_KEPT {
+        KEPT.set(kept);
+    }
     Ok(tracks)
+}
+
+/// Frames of more pixels than this do not leave their memory with the thread: the pyramids of one this size take
+/// 22 megabytes.
+const LARGEST_KEPT: usize = 1 << 21;
+
+/// What a thread keeps from call to call: fresh memory for two pyramids costs as much as building them.
+#[derive(Debug, Default)]
+struct Kept {
+    prev: Pyramid,
+    next: Pyramid,
+    memory: Memory,
+}
+
+thread_local! {
+    static KEPT: Cell<Kept> = Cell::default();
 }
 
 /// The same on pyramids, which a sequence builds once a frame; `tracks` is replaced.

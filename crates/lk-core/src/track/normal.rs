@@ -32,6 +32,8 @@ pub(crate) struct Normal {
     part: [f64; 2],
     /// Sum of the squared intensity, and of its products with the gradients.
     intensity: [f64; 3],
+    /// Sum of the squared intensity without its mean.
+    contrast: f64,
     /// By how much the noise of a sum over the window exceeds that of as many independent pixels.
     inflation: f64,
     /// The inverse of the structure tensor, summed over the window: xx, xy, yy.
@@ -97,6 +99,7 @@ impl Normal {
             ],
             part,
             intensity: [aa.max(0.0), ax, ay],
+            contrast: (sums.products[0] - sums.plain[0] * sums.plain[0] / area).max(0.0),
             inflation: inflation(template),
             inverse: [yy / determinant, -xy / determinant, xx / determinant],
         })
@@ -151,9 +154,17 @@ impl Normal {
         step.left / (self.area - unknowns).max(1.0)
     }
 
+    /// By how much one more unknown that explains nothing lowers the sum of squares: the noise of smooth functions of
+    /// the coordinates, over which the spline's correlation adds up.
+    pub(crate) fn noise(&self, step: &Step) -> f64 {
+        let [one, two] = NOISE_CORRELATION;
+        let along = 1.0 + 2.0 * (one + two);
+        self.variance(step) * along * along
+    }
+
     /// Mean square of the window's own grey levels, without what an offset explains, times the squared gain.
     pub(crate) fn signal(&self, step: &Step) -> f64 {
-        step.gain * step.gain * self.intensity[0] / self.area
+        step.gain * step.gain * self.contrast / self.area
     }
 
     /// Covariance of the displacement where what is left has variance 1 a pixel: xx, xy, yy.

@@ -286,7 +286,8 @@ impl EightKernel for BuildTemplate<'_> {
             let place = (x as isize - 1, y as isize - 1);
             let region = region(self.prev, place, columns, rows, self.scratch);
             let cells = &mut template.cells;
-            (template.level, template.sums) = differentiate::<L, false>(region, window, cells);
+            (template.level, template.sums) =
+                differentiate::<L, false, false>(region, window, cells);
             return [x + half[0], y + half[1]];
         }
         let (x, fx) = split(corner[0] - 1.0);
@@ -310,7 +311,8 @@ impl EightKernel for BuildTemplate<'_> {
                 stride: blocks * EIGHT,
             };
             let cells = &mut template.cells;
-            (template.level, template.sums) = differentiate::<L, true>(region, window, cells);
+            (template.level, template.sums) =
+                differentiate::<L, true, false>(region, window, cells);
             return self.centre;
         }
         let source = region(
@@ -335,7 +337,7 @@ impl EightKernel for BuildTemplate<'_> {
             stride: blocks * EIGHT,
         };
         (template.level, template.sums) =
-            differentiate::<L, false>(region, window, &mut template.cells);
+            differentiate::<L, false, true>(region, window, &mut template.cells);
         self.centre
     }
 }
@@ -381,10 +383,12 @@ impl<'a, L: Eight> Spline<'a, L> {
 
 /// Fill `cells` with grey levels and their gradients by central differences, and sum them.
 ///
+/// Only a `FINE` template has sums with coordinates and with the row above.
+///
 /// Central differences of the samples, not the derivative of the spline: the noise of a pixel is then uncorrelated
 /// with the noise of the gradient there, at every sub-pixel offset, and cannot pull the solution.
 #[inline(always)]
-fn differentiate<L: Eight, const SCHARR: bool>(
+fn differentiate<L: Eight, const SCHARR: bool, const FINE: bool>(
     region: Region<'_>,
     window: Window,
     cells: &mut [Cell],
@@ -433,13 +437,15 @@ fn differentiate<L: Eight, const SCHARR: bool>(
             column[0] += a;
             column[1] += gx;
             column[2] += gy;
-            with_y[0] += a * y;
-            with_y[1] += gx * y;
-            with_y[2] += gy * y;
-            y += L::splat(1.0);
-            lagged[0] += gx * last[0];
-            lagged[1] += gy * last[1];
-            last = [gx, gy];
+            if FINE {
+                with_y[0] += a * y;
+                with_y[1] += gx * y;
+                with_y[2] += gy * y;
+                y += L::splat(1.0);
+                lagged[0] += gx * last[0];
+                lagged[1] += gy * last[1];
+                last = [gx, gy];
+            }
             products[0] += a * a;
             products[1] += a * gx;
             products[2] += a * gy;
@@ -504,7 +510,7 @@ impl EightKernel for Compare<'_> {
                     let below = linear(region.reach(row + 1, at), &wx);
                     let value = above * wy[0] + below * wy[1];
                     above = below;
-                    sums.add(value, cell, mask, &mut column, &mut y);
+                    sums.add::<false>(value, cell, mask, &mut column, &mut y);
                 }
                 sums.close(column, window.block_x(block));
             }
@@ -527,7 +533,7 @@ impl EightKernel for Compare<'_> {
                     .enumerate()
                 {
                     let value = samples.sample(row, &wx, &wy);
-                    sums.add(value, cell, mask, &mut column, &mut y);
+                    sums.add::<true>(value, cell, mask, &mut column, &mut y);
                 }
                 sums.close(column, window.block_x(block));
             }
@@ -611,16 +617,18 @@ impl<L: Eight> DifferenceSums<L> {
 
     /// Add eight pixels of a row, of `next` and of the template.
     #[inline(always)]
-    fn add(&mut self, value: L, cell: &Cell, mask: L, column: &mut L, y: &mut L) {
+    fn add<const FINE: bool>(&mut self, value: L, cell: &Cell, mask: L, column: &mut L, y: &mut L) {
         let prev = L::unpack(&cell.prev);
         let d = (value - prev).keep(mask);
         self.products[0] += d * (prev - self.level);
         self.products[1] += d * L::unpack(&cell.gradient[0]);
         self.products[2] += d * L::unpack(&cell.gradient[1]);
         self.squared += d * d;
-        self.tilt[1] += d * *y;
         *column += d;
-        *y += L::splat(1.0);
+        if FINE {
+            self.tilt[1] += d * *y;
+            *y += L::splat(1.0);
+        }
     }
 
     /// Take in the plain sum of a column of lanes with these x coordinates.

@@ -1,6 +1,7 @@
 //! One point: down the levels, and the judgement of what was found.
 
 use crate::frame::Plane;
+use crate::illumination::Illumination;
 use crate::simd::{Level, dispatch_eight};
 use crate::track::normal::{GAIN_RANGE, Normal, Step};
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
@@ -294,10 +295,15 @@ impl Problem<'_> {
             }
             let step = normal.step(&sums);
             let size = length(step.by);
+            let before = displacement;
             displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
             // Steps shrink by a steady factor, so this is how far the rest of them would lead.
             let factor = (size / last).max(LEAST_FACTOR);
             if factor < 1.0 && size * factor / (1.0 - factor) < 0.5 * epsilon {
+                let template = &workspace.template;
+                let (normal, step) =
+                    simplest(template, self.options.illumination, &sums, (normal, step));
+                let displacement = [before[0] + step.by[0], before[1] + step.by[1]];
                 return Ok(Fit::new(&normal, &step, displacement));
             }
             last = size;
@@ -369,6 +375,37 @@ impl Fit {
             gain: step.gain,
         }
     }
+}
+
+/// Lighting models within "gain_offset", the simplest first, and how much more than the full one they may leave: the
+/// 90 % quantile of chi squared for the 4, 3 and 2 unknowns that they lack.
+const SIMPLER: [(Illumination, f64); 3] = [
+    (Illumination::None, 7.78),
+    (Illumination::Offset, 6.25),
+    (Illumination::GainOffset, 4.61),
+];
+
+/// The last step again under the simplest lighting model that the window does not speak against: an unknown that is
+/// not there costs accuracy.
+fn simplest(
+    template: &Template,
+    illumination: Illumination,
+    sums: &Sums,
+    full: (Normal, Step),
+) -> (Normal, Step) {
+    if illumination != Illumination::GainOffset {
+        return full;
+    }
+    let unit = full.0.noise(&full.1);
+    for (model, limit) in SIMPLER {
+        if let Some(normal) = Normal::new(template, model, false) {
+            let step = normal.step(sums);
+            if step.left - full.1.left <= limit * unit {
+                return (normal, step);
+            }
+        }
+    }
+    full
 }
 
 /// The window of coarse levels, which only lead to the finest: about two thirds of it, and even, so that it and the
