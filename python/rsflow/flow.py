@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
@@ -211,9 +212,29 @@ def dense_flow(
     >>> bool(np.abs(field.mean() - [1.5, -0.5]).max() < 0.02)
     True
     """
-    return DenseFlow(preset=preset, illumination=illumination, max_displacement=max_displacement, mask=mask)._pair(
-        prev, next, initial
-    )
+    core = _kept_core(preset, illumination, max_displacement, np.size(prev))
+    return _field(core.pair(prev, next, _as_initial(initial), mask))
+
+
+# One estimator a thread is kept from call to call, for its memory, unless the frames are larger than this many pixels.
+_KEPT_PIXELS = 1 << 21
+_kept = threading.local()
+
+
+def _new_core(preset: str, illumination: str, max_displacement: float | None) -> _core.DenseFlow:
+    most = None if max_displacement is None else _as_float("max_displacement", max_displacement)
+    return _core.DenseFlow(_as_text("preset", preset), _as_text("illumination", illumination), most)
+
+
+def _kept_core(preset: str, illumination: str, max_displacement: float | None, pixels: int) -> _core.DenseFlow:
+    if pixels > _KEPT_PIXELS:
+        return _new_core(preset, illumination, max_displacement)
+    key = (preset, illumination, max_displacement)
+    if getattr(_kept, "key", None) != key:
+        _kept.core = _new_core(preset, illumination, max_displacement)
+        _kept.key = key
+    core: _core.DenseFlow = _kept.core
+    return core
 
 
 class DenseFlow:
@@ -248,11 +269,7 @@ class DenseFlow:
         initial: ArrayLike | FlowField | None = None,
         mask: NDArray[np.bool_] | None = None,
     ) -> None:
-        if max_displacement is not None:
-            max_displacement = _as_float("max_displacement", max_displacement)
-        self._core = _core.DenseFlow(
-            _as_text("preset", preset), _as_text("illumination", illumination), max_displacement
-        )
+        self._core = _new_core(preset, illumination, max_displacement)
         self._initial = _as_initial(initial)
         self._mask = mask
         self._started = False
@@ -280,9 +297,6 @@ class DenseFlow:
         """Forget the frame before: the next frame is a first one."""
         self._core.reset()
         self._started = False
-
-    def _pair(self, prev: NDArray[Any], next: NDArray[Any], initial: ArrayLike | FlowField | None) -> FlowField:
-        return _field(self._core.pair(prev, next, _as_initial(initial), self._mask))
 
 
 def _field(parts: _core.FlowParts) -> FlowField:

@@ -19,9 +19,12 @@ from numpy.typing import NDArray
 from rsflow import _core
 from rsflow.errors import DTypeError, OptionError, ShapeError
 
+from ._opencv_dense import DenseFlow
+
 __all__ = [
     "OPTFLOW_LK_GET_MIN_EIGENVALS",
     "OPTFLOW_USE_INITIAL_FLOW",
+    "DenseFlow",
     "buildOpticalFlowPyramid",
     "calcOpticalFlowPyrLK",
     "goodFeaturesToTrack",

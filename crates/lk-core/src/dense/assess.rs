@@ -4,6 +4,7 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::parallel::{RowsMut, for_each_band};
+use crate::simd::{Kernel, dispatch};
 
 use super::field::FlowField;
 use super::grid::{self, PAD};
@@ -68,37 +69,77 @@ pub(super) fn assess(
                         },
                     );
                     let (u, v) = (input.u.row(y), input.v.row(y));
-                    let weight = input.weight.map(|plane| plane.row(y));
                     let (uv, _) = uv.row_mut(local).as_chunks_mut::<2>();
                     let (valid, residual) = (valid.row_mut(local), residual.row_mut(local));
-                    for x in 0..width {
-                        let (count, texture, energy) =
-                            (count[PAD + x], texture[PAD + x], energy[PAD + x]);
-                        uv[x] = [u[x], v[x]];
-                        residual[x] = energy.sqrt();
-                        let inside = (0.0..=(width - 1) as f32).contains(&(x as f32 + u[x]))
-                            && (0.0..=(height - 1) as f32).contains(&(y as f32 + v[x]));
-                        valid[x] = inside
-                            && 2.0 * count > ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32
-                            && texture >= TEXTURE
-                            && energy <= NOISE + MISFIT * texture;
-                        if let Some(weight) = weight
-                            && weight[x] == 0.0
-                        {
-                            uv[x] = [f32::NAN; 2];
-                            residual[x] = f32::NAN;
-                            valid[x] = false;
+                    let kernel = Judge {
+                        y: y as f32,
+                        size: [(width - 1) as f32, (height - 1) as f32],
+                        flow: [u, v],
+                        fit: [&*count, &*texture, &*energy].map(|row| &row[PAD..PAD + width]),
+                        uv: &mut *uv,
+                        valid: &mut *valid,
+                        residual: &mut *residual,
+                    };
+                    dispatch(level, kernel);
+                    if let Some(weight) = input.weight {
+                        for (x, weight) in weight.row(y).iter().enumerate() {
+                            if *weight == 0.0 {
+                                uv[x] = [f32::NAN; 2];
+                                residual[x] = f32::NAN;
+                                valid[x] = false;
+                            }
                         }
-                        if let Some(finite) = finite
-                            && valid[x]
-                        {
-                            valid[x] = near_finite(finite, x as f32 + u[x], y as f32 + v[x]);
+                    }
+                    if let Some(finite) = finite {
+                        for x in 0..width {
+                            valid[x] =
+                                valid[x] && near_finite(finite, x as f32 + u[x], y as f32 + v[x]);
                         }
                     }
                 }
             });
         },
     )
+}
+
+/// One row of the result, where nothing is masked and all is finite.
+struct Judge<'a> {
+    y: f32,
+    /// The last column and row.
+    size: [f32; 2],
+    flow: [&'a [f32]; 2],
+    /// How many pixels count, texture and energy.
+    fit: [&'a [f32]; 3],
+    uv: &'a mut [[f32; 2]],
+    valid: &'a mut [bool],
+    residual: &'a mut [f32],
+}
+
+impl Kernel for Judge<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let width = self.valid.len();
+        let ([u, v], [count, texture, energy]) = (
+            self.flow.map(|row| &row[..width]),
+            self.fit.map(|row| &row[..width]),
+        );
+        let (uv, residual) = (&mut self.uv[..width], &mut self.residual[..width]);
+        for x in 0..width {
+            uv[x] = [u[x], v[x]];
+            residual[x] = energy[x].sqrt();
+            let (at_x, at_y) = (x as f32 + u[x], self.y + v[x]);
+            // Without shortcuts, so that lanes can do it.
+            self.valid[x] = (at_x >= 0.0)
+                & (at_x <= self.size[0])
+                & (at_y >= 0.0)
+                & (at_y <= self.size[1])
+                & (2.0 * count[x] > ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32)
+                & (texture[x] >= TEXTURE)
+                & (energy[x] <= NOISE + MISFIT * texture[x]);
+        }
+    }
 }
 
 /// Whether all pixels of the window around (x, y) are finite.

@@ -5,8 +5,8 @@
 //! local and global, Bruhn, Weickert and Schnoerr 2005), centred, so that an offset of the light changes nothing;
 //! divided by the trace it is about the square of a distance in pixels (Zimmer, Bruhn and Weickert 2011); w is small at
 //! edges of the picture; psi(s^2) = sqrt(s^2 + epsilon^2). Each round fixes the weights that psi gives, then relaxes the
-//! linear system red and black in turn (successive over-relaxation). A half-sweep reads one copy of the flow and writes
-//! another, so that threads cannot change a bit.
+//! linear system red and black in turn (successive over-relaxation). A half-sweep reads rows that it does not write, so
+//! that threads cannot change a bit.
 
 use crate::error::Result;
 use crate::execution::Execution;
@@ -86,10 +86,8 @@ impl System {
             execution.check()?;
             self.weigh(recipe, flow, execution)?;
             self.assemble(recipe, flow, execution)?;
-            for half in 0..2 * recipe.sweeps {
-                self.relax(half, recipe, flow, spare, execution)?;
-                std::mem::swap(flow, spare);
-            }
+            self.relax(recipe, flow, spare, execution)?;
+            std::mem::swap(flow, spare);
         }
         Ok(())
     }
@@ -213,43 +211,118 @@ impl System {
         )
     }
 
+    /// All sweeps of a round in one pass over the rows: half-sweep `k` runs one row behind half-sweep `k - 1`, so that
+    /// everything between them stays in the cache. A band begins and ends its first half-sweeps beyond its own rows.
     fn relax(
         &self,
-        half: usize,
         recipe: &RefineRecipe,
-        [u, v]: &[Grid; 2],
+        flow: &[Grid; 2],
         to: &mut [Grid; 2],
         execution: &Execution,
     ) -> Result<()> {
-        let (width, height) = (u.width(), u.height());
-        let level = execution.simd_level();
+        let (width, height) = (self.smooth.width(), self.smooth.height());
+        let (stride, halves) = (grid::stride(width), 2 * recipe.sweeps);
+        if halves == 0 {
+            to.iter_mut()
+                .zip(flow)
+                .for_each(|(to, from)| to.copy_from(from));
+            return Ok(());
+        }
         let [to_u, to_v] = resized(to, width, height);
+        let min_rows = (65_536 / (width * halves)).max(4 * halves);
         for_each_band(
             execution,
             height,
-            (32_768 / width).max(1),
+            min_rows,
             (to_u, to_v),
             |rows, (mut to_u, mut to_v)| {
-                for (local, y) in rows.enumerate() {
-                    let (to_u, to_v) = (to_u.row_mut(local), to_v.row_mut(local));
-                    let kernel = HalfSweep {
-                        width,
-                        first: (y + half) % 2,
-                        smooth: self.smooth.near(y),
-                        u: u.near(y),
-                        v: v.near(y),
-                        equations: self.equations.each_ref().map(|grid| grid.padded(y)),
-                        relaxation: recipe.relaxation,
-                        to: [&mut *to_u, &mut *to_v],
+                with_scratch((halves - 1) * PASSED * 2 * stride, |memory| {
+                    let mut passed: [&mut [f32]; 2] = {
+                        let (u, v) = memory.split_at_mut((halves - 1) * PASSED * stride);
+                        [u, v]
                     };
-                    dispatch_lanes(level, kernel);
-                    grid::extend(to_u, width);
-                    grid::extend(to_v, width);
-                }
+                    let (start, end) = (rows.start, rows.end);
+                    for lead in (start + 1).saturating_sub(halves)..end + halves - 1 {
+                        for half in 0..halves.min(lead + 1) {
+                            let (y, margin) = (lead - half, halves - 1 - half);
+                            if y + margin < start || y >= (end + margin).min(height) {
+                                continue;
+                            }
+                            if margin == 0 {
+                                let to = [to_u.row_mut(y - start), to_v.row_mut(y - start)];
+                                self.half_sweep(
+                                    half,
+                                    y,
+                                    recipe,
+                                    flow,
+                                    [passed[0], passed[1]],
+                                    to,
+                                    execution,
+                                );
+                            } else {
+                                let at = half * PASSED * stride;
+                                let [u, v] = &mut passed;
+                                let ((before_u, now_u), (before_v, now_v)) =
+                                    (u.split_at_mut(at), v.split_at_mut(at));
+                                let slot = (y % PASSED) * stride..(y % PASSED + 1) * stride;
+                                let to = [&mut now_u[slot.clone()], &mut now_v[slot]];
+                                self.half_sweep(
+                                    half,
+                                    y,
+                                    recipe,
+                                    flow,
+                                    [before_u, before_v],
+                                    to,
+                                    execution,
+                                );
+                            }
+                        }
+                    }
+                });
             },
         )
     }
+
+    /// One row of one half-sweep. `passed` holds rows of the half-sweeps before it.
+    #[allow(clippy::too_many_arguments, reason = "an inner step of relax")]
+    fn half_sweep(
+        &self,
+        half: usize,
+        y: usize,
+        recipe: &RefineRecipe,
+        flow: &[Grid; 2],
+        passed: [&[f32]; 2],
+        [to_u, to_v]: [&mut [f32]; 2],
+        execution: &Execution,
+    ) {
+        let (width, height) = (self.smooth.width(), self.smooth.height());
+        let stride = grid::stride(width);
+        let near = |axis: usize| {
+            [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|row| match half.checked_sub(1) {
+                None => flow[axis].padded(row),
+                Some(before) => {
+                    &passed[axis][(before * PASSED + row % PASSED) * stride..][..stride]
+                }
+            })
+        };
+        let kernel = HalfSweep {
+            width,
+            first: (y + half) % 2,
+            smooth: self.smooth.near(y),
+            u: near(0),
+            v: near(1),
+            equations: self.equations.each_ref().map(|grid| grid.padded(y)),
+            relaxation: recipe.relaxation,
+            to: [&mut *to_u, &mut *to_v],
+        };
+        dispatch_lanes(execution.simd_level(), kernel);
+        grid::extend(to_u, width);
+        grid::extend(to_v, width);
+    }
 }
+
+/// Rows that one half-sweep keeps for the next.
+const PASSED: usize = 3;
 
 fn resized<const N: usize>(
     grids: &mut [Grid; N],
