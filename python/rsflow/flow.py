@@ -198,8 +198,9 @@ def dense_flow(
 
     Notes
     -----
-    Coarse to fine Lucas-Kanade with shiftable windows; the light is part of it: the mean of each window is removed
-    from the least squares, and the frames' slowly varying gain and offset are measured on coarse levels.
+    Coarse to fine Lucas-Kanade with shiftable windows and a variational refinement; the light is part of it: the mean of
+    each window is removed from the least squares, and a gain and an offset that vary slowly over the picture are
+    measured on coarse levels where that fits better.
 
     Examples
     --------
