@@ -198,8 +198,8 @@ def dense_flow(
 
     Notes
     -----
-    Coarse to fine Lucas-Kanade with shiftable windows and a variational refinement; the light is part of it: the mean of
-    each window is removed from the least squares, and a gain and an offset that vary slowly over the picture are
+    Coarse to fine Lucas-Kanade with shiftable windows and a variational refinement; the light is part of it: the mean
+    of each window is removed from the least squares, and a gain and an offset that vary slowly over the picture are
     measured on coarse levels where that fits better.
 
     Examples
