@@ -289,3 +289,40 @@ def test_frames_of_another_size_need_a_reset():
         tracker.update(np.zeros((100, 100), np.uint8))
     tracker.reset()
     assert len(tracker.update(np.zeros((100, 100), np.uint8))) == 0
+
+
+def test_large_and_several_motions_are_found():
+    one, other = scene(15), scene(16)
+    left = np.arange(SHAPE[1]) < 160
+    prev = to_u8(np.where(left, frame(one), frame(other)))
+    after = to_u8(0.6 * np.where(left, frame(one, 38.4, -25.2, noise_seed=1), frame(other, -36.2, 30.3)) + 30)
+    points = grid(12, 50)
+    truth = np.where(points[:, :1] < 160, np.float32([38.4, -25.2]), np.float32([-36.2, 30.3]))
+    ends = points + truth
+    # Windows that cross the seam before or after have no one motion.
+    rightmost, leftmost = np.maximum(points[:, 0], ends[:, 0]), np.minimum(points[:, 0], ends[:, 0])
+    clear = np.where(points[:, 0] < 160, rightmost < 146, leftmost > 174)
+    tracks = rsflow.track_points(prev, after, points)
+    error = np.hypot(*(tracks.points - ends).T)
+    assert tracks.valid[clear].mean() > 0.95
+    assert np.median(error[clear & tracks.valid]) < 0.06
+    assert (error[clear & tracks.valid] > 1).mean() < 0.01
+
+
+@pytest.mark.parametrize("light", ["steady", "dim", "gamma", "ramp"])
+def test_covariances_cover_the_errors(light):
+    picture = scene(17)
+    inside_one, inside_two = [], []
+    for seed in range(4):
+        shift = (1.3 + 0.7 * seed, -2.1 + 0.4 * seed)
+        prev = to_u8(frame(picture, noise_seed=2 * seed))
+        after = to_u8(LIGHT[light](frame(picture, *shift, noise_seed=2 * seed + 1)))
+        tracks = rsflow.track_points(prev, after, grid(12, 24))
+        good = tracks.valid
+        error = (tracks.displacement - np.float32(shift))[good]
+        share = np.abs(error) / np.sqrt(tracks.covariance[good][:, [0, 1], [0, 1]])
+        inside_one.append((share < 1).mean())
+        inside_two.append((share < 2).mean())
+    # A curved response leaves a residual that is no noise: under a gamma the covariance is on the safe side.
+    assert 0.6 < np.mean(inside_one) < (0.9 if light == "gamma" else 0.76)
+    assert 0.9 < np.mean(inside_two) <= (1.0 if light == "gamma" else 0.99)
