@@ -238,3 +238,16 @@ def test_the_command_prints_what_was_measured(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["dx"] is None
     assert main(["shift", flat, str(tmp_path / "none.png")]) == 1
     assert "none.png: No such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("illumination", ["none", "offset", "gain_offset"])
+@pytest.mark.parametrize("level", [0, 90, 255])
+def test_a_blank_frame_is_not_measured(illumination: str, level: int) -> None:
+    """A gain of zero explains any blank frame; it is not light."""
+    pair = rsflow.synthetic.shifted_pair(1.0, 0.0, size=(96, 72), seed=99)
+    blank = np.full_like(pair.prev, level)
+    for prev, nxt in ((pair.next, blank), (blank, pair.next), (blank, blank)):
+        shift = rsflow.estimate_shift(prev, nxt, illumination=illumination)
+        assert shift.status in (rsflow.ShiftStatus.NO_TEXTURE, rsflow.ShiftStatus.NO_MATCH), shift
+        assert np.isnan(shift.dx)
+        assert np.isinf(shift.covariance[0, 0])

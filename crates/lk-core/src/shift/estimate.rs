@@ -9,11 +9,15 @@ use crate::error::Result;
 
 /// A standard deviation above this is no measurement, in pixels.
 const MAX_SIGMA: f64 = 0.2;
+/// Gains beyond this, or below its inverse, are not light: one of the frames is blank.
+const MAX_GAIN: f64 = 16.0;
+/// Side of a tile at a coarse level, in its pixels.
 const COARSE_TILE: usize = 8;
 /// The iteration has settled once a step is below this, in pixels.
 const SETTLED: f64 = 1e-4;
 /// The same at a coarse level, in its pixels.
 const COARSE_SETTLED: f64 = 0.05;
+
 /// A step, made longer or shorter by what the one before it left, and the share of it that the next would be: the
 /// gradients are not exact, but their error is the same in each step.
 fn extrapolated(step: [f64; 2], before: Option<[f64; 2]>) -> ([f64; 2], f64) {
@@ -26,6 +30,7 @@ fn extrapolated(step: [f64; 2], before: Option<[f64; 2]>) -> ([f64; 2], f64) {
     let ratio = (step[0].hypot(step[1]) / square.sqrt()).min(1.0);
     (step.map(|value| value / (1.0 - left)), 0.3 * ratio)
 }
+
 impl Inputs {
     pub(super) fn estimate(&self, limit: [f64; 2], options: &ShiftOptions) -> Result<Shift> {
         let mut start: Option<Start> = None;
@@ -122,10 +127,13 @@ impl Inputs {
         field: GainField,
     ) -> Shift {
         let variance = eigenvalues(solution.covariance);
+        let alpha = solution.alpha + field.0[0];
+        let gain = (1.0 + alpha / 2.0) / (1.0 - alpha / 2.0);
+        let is_light = (1.0 / MAX_GAIN..=MAX_GAIN).contains(&gain);
         let [low, high] = solution.information;
         let limit_sigma = MAX_SIGMA * MAX_SIGMA;
-        let status = if !match_found || high <= 0.05 {
-            if solution.is_noise() {
+        let status = if !match_found || !is_light || high <= 0.05 {
+            if solution.is_noise() || !is_light {
                 ShiftStatus::NoTexture
             } else {
                 ShiftStatus::NoMatch
@@ -148,8 +156,6 @@ impl Inputs {
         if status != ShiftStatus::Valid {
             return Shift::invalid(status);
         }
-        let alpha = solution.alpha + field.0[0];
-        let gain = (1.0 + alpha / 2.0) / (1.0 - alpha / 2.0);
         let offset = solution.beta / (1.0 - alpha / 2.0);
         Shift {
             dx: displacement[0],
