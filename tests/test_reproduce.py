@@ -55,11 +55,12 @@ def test_displacements_without_noise_are_within_two_hundredths(name: str) -> Non
 
 
 def test_displacements_under_a_ramp() -> None:
-    # A gain that varies over the window is not quite within the lighting model: brick, with little texture, is worst.
+    # A gain that varies over the window is not quite within the lighting model: the camera man's coat, one strong edge
+    # in a flat window, is worst.
     table = synthetic_motion(reproduce.photographs(), CONDITION["ramp 0.7 to 1.0"])
     assert np.isfinite(table.measured_px).all()
-    assert np.median(table.errors_px) <= 0.02
-    assert table.errors_px.max() <= 0.13
+    assert np.quantile(table.errors_px, 0.95) <= 0.02
+    assert table.errors_px.max() <= 0.03
 
 
 def test_noise_costs_little() -> None:
