@@ -17,6 +17,7 @@ from typing import NoReturn
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)` and `run(args) -> int`, one line of help).
 COMMANDS: dict[str, tuple[str, str]] = {
     "batch": ("rsflow.cli.batch", "extract from many sources at once, on a pool of processes"),
+    "bench": ("rsflow.cli.bench", "accuracy and time beside OpenCV, on scenes with exact truth"),
     "calibrate": ("rsflow.cli.calibrate", "a camera file from pictures of a chessboard or ChArUco board"),
     "convert": ("rsflow.cli.convert", "flow files and camera files from one format to another"),
     "demo": ("rsflow.cli.demo", "no input needed: make a flight, extract its motion, compare with the truth"),

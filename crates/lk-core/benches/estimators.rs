@@ -1,0 +1,118 @@
+//! Times of the estimators on made pictures, one thread: `cargo bench`. Accuracy beside time, and OpenCV beside both, is
+//! what `rsflow bench` measures.
+#![allow(clippy::unwrap_used, reason = "a benchmark fails by panicking")]
+
+use std::hint::black_box;
+
+use criterion::Criterion;
+use lk_core::{
+    CornerDetector, CornerOptions, DenseFlow, DenseHints, DenseOptions, Execution, FlowField,
+    Preset, ShiftOptions, TrackOptions, detect_corners, estimate_shift, track_points,
+};
+use ndarray::Array2;
+
+/// Displacement of every pair, in pixels.
+const SHIFT: (f64, f64) = (3.25, -1.5);
+
+/// A scene with structure at several scales: plane waves of 6 to 60 pixels length.
+fn scene(x: f64, y: f64) -> f64 {
+    let mut state = 1_u64;
+    let mut random = || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as f64 / f64::from(1_u32 << 31)
+    };
+    let mut level = 120.0;
+    for _ in 0..24 {
+        let frequency = 0.1 + 0.9 * random();
+        let angle = std::f64::consts::TAU * random();
+        let phase = std::f64::consts::TAU * random();
+        level += (3.0 + 6.0 * random())
+            * (frequency * (angle.cos() * x + angle.sin() * y) + phase).sin();
+    }
+    level
+}
+
+/// Two frames, the second displaced by [`SHIFT`].
+fn pair(width: usize, height: usize) -> (Array2<u8>, Array2<u8>) {
+    let frame = |dx: f64, dy: f64| {
+        Array2::from_shape_fn((height, width), |(y, x)| {
+            scene(x as f64 - dx, y as f64 - dy).round() as u8
+        })
+    };
+    (frame(0.0, 0.0), frame(SHIFT.0, SHIFT.1))
+}
+
+fn shifts(criterion: &mut Criterion) {
+    let options = ShiftOptions::default().execution(Execution::default().threads(1));
+    for (width, height) in [(60, 60), (640, 480)] {
+        let (prev, next) = pair(width, height);
+        let run = || estimate_shift(prev.view(), next.view(), None, &options).unwrap();
+        assert!((run().dx - SHIFT.0).abs() < 0.05);
+        criterion.bench_function(&format!("shift {width}x{height}"), |timer| {
+            timer.iter(|| black_box(run()));
+        });
+    }
+}
+
+fn points(criterion: &mut Criterion) {
+    let (prev, next) = pair(640, 480);
+    let one = Execution::default().threads(1);
+    let corners = CornerOptions::default()
+        .max_corners(400)
+        .execution(one.clone());
+    let options = TrackOptions::default().execution(one);
+    let positions: Vec<[f32; 2]> = detect_corners(prev.view(), None, &corners)
+        .unwrap()
+        .iter()
+        .map(|corner| corner.position)
+        .collect();
+    assert_eq!(positions.len(), 400);
+    let mut detector = CornerDetector::default();
+    let mut found = Vec::new();
+    criterion.bench_function("corners 640x480", |timer| {
+        timer.iter(|| {
+            detector
+                .detect(prev.view(), None, &corners, &mut found)
+                .unwrap();
+            black_box(found.len())
+        });
+    });
+    criterion.bench_function("track 400 points 640x480", |timer| {
+        timer.iter(|| {
+            let tracks =
+                track_points(prev.view(), next.view(), &positions, None, None, &options).unwrap();
+            black_box(tracks.len())
+        });
+    });
+}
+
+fn dense(criterion: &mut Criterion) {
+    let (prev, next) = pair(640, 480);
+    let options = DenseOptions::default()
+        .preset(Preset::Fast)
+        .execution(Execution::default().threads(1));
+    let mut flow = DenseFlow::new(options).unwrap();
+    let mut field = FlowField::default();
+    criterion.bench_function("dense fast 640x480", |timer| {
+        timer.iter(|| {
+            flow.pair(
+                prev.view(),
+                next.view(),
+                DenseHints::default(),
+                black_box(&mut field),
+            )
+            .unwrap();
+        });
+    });
+}
+
+// Not criterion's macros: what they generate is public and has no documentation.
+fn main() {
+    let mut criterion = Criterion::default().configure_from_args();
+    shifts(&mut criterion);
+    points(&mut criterion);
+    dense(&mut criterion);
+    criterion.final_summary();
+}
