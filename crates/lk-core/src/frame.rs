@@ -14,7 +14,7 @@ mod sealed {
 }
 
 /// A grey level: `u8`, `u16` or `f32`, never rescaled.
-pub trait Pixel: Copy + Send + Sync + sealed::Sealed + 'static {
+pub trait Pixel: Copy + PartialOrd + Send + Sync + sealed::Sealed + 'static {
     /// The grey level as `f32`; exact for every supported type.
     fn to_f32(self) -> f32;
 }
@@ -128,6 +128,16 @@ impl Plane {
         frame: Frame<'_, T>,
         execution: &Execution,
     ) -> Result<()> {
+        self.copy_scaled(frame, 1.0, execution)
+    }
+
+    /// [`Plane::copy_from`], with every grey level times `scale`.
+    pub(crate) fn copy_scaled<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        scale: f32,
+        execution: &Execution,
+    ) -> Result<()> {
         let (height, width) = frame.dim();
         self.resize(width, height);
         if width == 0 || height == 0 {
@@ -142,10 +152,21 @@ impl Plane {
             self.rows_mut(),
             |rows, mut part| {
                 for (local, y) in rows.enumerate() {
-                    read_row(frame, y, part.row_mut(local));
+                    let row = part.row_mut(local);
+                    read_row(frame, y, row);
+                    scale_by(row, scale);
                 }
             },
         )
+    }
+}
+
+/// Multiply by `scale`; 1 touches nothing.
+pub(crate) fn scale_by(values: &mut [f32], scale: f32) {
+    if scale != 1.0 {
+        for value in values {
+            *value *= scale;
+        }
     }
 }
 

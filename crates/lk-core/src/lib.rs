@@ -12,6 +12,7 @@ mod dense;
 mod error;
 mod execution;
 mod frame;
+mod grey;
 mod illumination;
 mod parallel;
 mod phase;

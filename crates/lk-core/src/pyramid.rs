@@ -42,6 +42,17 @@ impl Pyramid {
         levels: usize,
         execution: &Execution,
     ) -> Result<()> {
+        self.rebuild_scaled(frame, levels, 1.0, execution)
+    }
+
+    /// [`Pyramid::rebuild`], with every grey level times `scale`.
+    pub(crate) fn rebuild_scaled<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        levels: usize,
+        scale: f32,
+        execution: &Execution,
+    ) -> Result<()> {
         if levels == 0 {
             return Err(Error::option("levels", 0, "1 or more"));
         }
@@ -52,7 +63,7 @@ impl Pyramid {
             count += 1;
         }
         self.levels.resize_with(count, Plane::default);
-        self.levels[0].copy_from(frame, execution)?;
+        self.levels[0].copy_scaled(frame, scale, execution)?;
         self.reduce_again(execution)
     }
 

@@ -25,11 +25,13 @@ const MISFIT: f32 = 1.0;
 /// Mean squared differences that noise explains, in squared grey levels.
 const NOISE: f32 = 16.0;
 
-/// Fill `field` with the flow of `input` and what its windows say. `finite` is 0 where `next` is not finite.
+/// Fill `field` with the flow of `input` and what its windows say. `finite` is 0 where `next` is not finite; `unit` is
+/// what one grey level of the planes is in those of the caller.
 pub(super) fn assess(
     input: StepInput<'_>,
     finite: Option<&Plane>,
     centred: bool,
+    unit: f32,
     field: &mut FlowField,
     execution: &Execution,
 ) -> Result<()> {
@@ -73,6 +75,7 @@ pub(super) fn assess(
                     let (valid, residual) = (valid.row_mut(local), residual.row_mut(local));
                     let kernel = Judge {
                         y: y as f32,
+                        unit,
                         size: [(width - 1) as f32, (height - 1) as f32],
                         flow: [u, v],
                         fit: [&*count, &*texture, &*energy].map(|row| &row[PAD..PAD + width]),
@@ -105,6 +108,7 @@ pub(super) fn assess(
 /// One row of the result, where nothing is masked and all is finite.
 struct Judge<'a> {
     y: f32,
+    unit: f32,
     /// The last column and row.
     size: [f32; 2],
     flow: [&'a [f32]; 2],
@@ -128,7 +132,7 @@ impl Kernel for Judge<'_> {
         let (uv, residual) = (&mut self.uv[..width], &mut self.residual[..width]);
         for x in 0..width {
             uv[x] = [u[x], v[x]];
-            residual[x] = energy[x].sqrt();
+            residual[x] = energy[x].sqrt() * self.unit;
             let (at_x, at_y) = (x as f32 + u[x], self.y + v[x]);
             // Without shortcuts, so that lanes can do it.
             self.valid[x] = (at_x >= 0.0)

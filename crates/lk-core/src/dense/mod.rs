@@ -5,6 +5,9 @@
 //! ([`median`]); then a variational refinement ([`refine`]). The mean of each window is taken out, so that an offset of
 //! the light does no harm; where light has changed by more than that, `prev` is first brought to the light of `next`
 //! ([`light`]). At the end every window is judged once more ([`assess`]).
+//!
+//! Damping and thresholds are in grey levels of 0..255: both frames of a pair are multiplied by the power of two that
+//! the range of `prev` asks for ([`Greys::scale`]), and what is reported in grey levels is divided by it.
 
 mod assess;
 mod descend;
@@ -23,7 +26,8 @@ mod weights;
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
-use crate::frame::{Frame, Pixel, Plane};
+use crate::frame::{Frame, Pixel, Plane, scale_by};
+use crate::grey::Greys;
 use crate::illumination::Illumination;
 use crate::pyramid::Pyramid;
 
@@ -68,7 +72,11 @@ pub struct DenseFlow {
 /// A frame, ready to be compared.
 #[derive(Debug, Default)]
 struct Source {
+    /// Its grey levels are those of the frame times `scale`.
     pyramid: Pyramid,
+    scale: f32,
+    /// Of the frame as it came.
+    greys: Greys,
     /// 1 where the frame is finite; of no size where it is everywhere.
     finite: Plane,
 }
@@ -137,8 +145,12 @@ impl DenseFlow {
             check_sizes((before.height(), before.width()), frame.dim())?;
         }
         let levels = self.levels(frame.dim());
-        self.next.read(frame, levels, &self.options.execution)?;
+        let greys = Greys::of(frame);
+        let scale = if primed { &self.prev.greys } else { &greys }.scale();
+        self.next
+            .read(frame, greys, scale, levels, &self.options.execution)?;
         if primed {
+            self.prev.rescale(scale);
             self.measure(hints, field)?;
         }
         self.primed = true;
@@ -161,8 +173,12 @@ impl DenseFlow {
         check_sizes(prev.dim(), next.dim())?;
         check_hints(prev.dim(), hints)?;
         let levels = self.levels(prev.dim());
-        self.prev.read(prev, levels, &self.options.execution)?;
-        self.next.read(next, levels, &self.options.execution)?;
+        let greys = Greys::of(prev);
+        let scale = greys.scale();
+        let execution = &self.options.execution;
+        self.prev.read(prev, greys, scale, levels, execution)?;
+        self.next
+            .read(next, Greys::of(next), scale, levels, execution)?;
         self.measure(hints, field)
     }
 
@@ -200,6 +216,8 @@ impl DenseFlow {
         if weighted {
             weights::pyramid(hints.mask, finite, &prev.pyramid, &mut memory.weights);
         }
+        // A power of two: dividing by it is exact.
+        let unit = prev.scale.recip();
         let mut descent = Descent {
             options,
             prev: &mut prev.pyramid,
@@ -210,6 +228,7 @@ impl DenseFlow {
         if let Some(halvings) = descent.run(hints)? {
             field.gain.clone_from(&memory.light.gain);
             field.offset.clone_from(&memory.light.offset);
+            scale_by(field.offset.data_mut(), unit);
             field.halvings = halvings;
         }
         let Memory {
@@ -229,6 +248,7 @@ impl DenseFlow {
             input,
             bad,
             options.illumination != Illumination::None,
+            unit,
             field,
             &options.execution,
         )
@@ -239,16 +259,33 @@ impl Source {
     fn read<T: Pixel>(
         &mut self,
         frame: Frame<'_, T>,
+        greys: Greys,
+        scale: f32,
         levels: usize,
         execution: &Execution,
     ) -> Result<()> {
-        self.pyramid.rebuild(frame, levels, execution)?;
+        (self.greys, self.scale) = (greys, scale);
+        self.pyramid
+            .rebuild_scaled(frame, levels, scale, execution)?;
         self.finite.resize(0, 0);
-        if !weights::all_finite(&self.pyramid.levels()[0]) {
+        if !greys.stay_finite(scale) {
             weights::fill(&mut self.pyramid.levels_mut()[0], &mut self.finite);
             self.pyramid.reduce_again(execution)?;
         }
         Ok(())
+    }
+
+    /// Take another scale: that of a frame that was the second of a pair and is now the first.
+    fn rescale(&mut self, scale: f32) {
+        if scale == self.scale {
+            return;
+        }
+        for plane in self.pyramid.levels_mut() {
+            // Two factors: their product may be no `f32`.
+            scale_by(plane.data_mut(), self.scale.recip());
+            scale_by(plane.data_mut(), scale);
+        }
+        self.scale = scale;
     }
 }
 

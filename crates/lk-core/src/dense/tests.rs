@@ -1,5 +1,7 @@
 //! Properties of the whole, and the parts against a plain reference in f64.
 
+mod greys;
+
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 

@@ -5,21 +5,6 @@ use ndarray::ArrayView2;
 use crate::frame::Plane;
 use crate::pyramid::Pyramid;
 
-/// Whether every value of `plane` is finite.
-pub(super) fn all_finite(plane: &Plane) -> bool {
-    // A sum of zeros unless something times zero is NaN; blocks keep it in lanes.
-    plane.data().chunks(4096).all(|block| {
-        let (lanes, rest) = block.as_chunks::<16>();
-        let mut sum = [0.0f32; 16];
-        for lane in lanes {
-            for k in 0..16 {
-                sum[k] += lane[k] * 0.0;
-            }
-        }
-        sum.iter().all(|zero| *zero == 0.0) && rest.iter().all(|value| value.is_finite())
-    })
-}
-
 /// Set `finite` to 1 where `plane` is finite and 0 elsewhere, and give the others the value of a neighbour, so that
 /// they cannot spread.
 pub(super) fn fill(plane: &mut Plane, finite: &mut Plane) {

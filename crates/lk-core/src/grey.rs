@@ -1,0 +1,160 @@
+//! The range of a frame's grey levels, and the scale that brings it to where thresholds in grey levels hold.
+
+use crate::frame::{Frame, Pixel};
+
+/// Ranges that are left alone: those of frames of 8 bits with some contrast.
+const ORDINARY: std::ops::RangeInclusive<f64> = 16.0..=512.0;
+
+/// Any other range is brought to at least this and less than twice this: 2^7, the upper half of 0..255.
+const EXPONENT: i32 = 7;
+
+/// The extremes of the finite grey levels of a frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Greys {
+    /// The least and the largest; `None` without a finite pixel.
+    extremes: Option<[f32; 2]>,
+    /// Whether every pixel is finite.
+    finite: bool,
+}
+
+impl Greys {
+    pub(crate) fn of<T: Pixel>(frame: Frame<'_, T>) -> Self {
+        let mut greys = Self {
+            extremes: None,
+            finite: true,
+        };
+        for row in frame.rows() {
+            let found = row.as_slice().and_then(finite_extremes);
+            if let Some(found) = found {
+                greys.include(found);
+                continue;
+            }
+            for value in row.iter().map(|value| value.to_f32()) {
+                if value.is_finite() {
+                    greys.include([value; 2]);
+                } else {
+                    greys.finite = false;
+                }
+            }
+        }
+        greys
+    }
+
+    fn include(&mut self, [low, high]: [f32; 2]) {
+        self.extremes = Some(match self.extremes {
+            None => [low, high],
+            Some([least, largest]) => [least.min(low), largest.max(high)],
+        });
+    }
+
+    /// The power of two to multiply the frame by.
+    pub(crate) fn scale(&self) -> f32 {
+        let [low, high] = self.extremes.unwrap_or_default().map(f64::from);
+        let range = high - low;
+        if range <= 0.0 || ORDINARY.contains(&range) {
+            return 1.0;
+        }
+        // The range of finite `f32` is a normal `f64`: its exponent stands in its bits. The limits keep the scale and
+        // its inverse normal.
+        let exponent = ((range.to_bits() >> 52) & 0x7ff) as i32 - 1023;
+        let exponent = (EXPONENT - exponent).clamp(-126, 126);
+        f32::from_bits(((127 + exponent) as u32) << 23)
+    }
+
+    /// Whether every pixel is finite, also once it is multiplied by `scale`.
+    pub(crate) fn stay_finite(&self, scale: f32) -> bool {
+        let extremes = self.extremes.unwrap_or_default();
+        self.finite && extremes.iter().all(|value| (value * scale).is_finite())
+    }
+}
+
+/// The extremes of `row`; `None` if it is empty or holds what is not finite.
+fn finite_extremes<T: Pixel>(row: &[T]) -> Option<[f32; 2]> {
+    let first = *row.first()?;
+    let (mut low, mut high, mut nan) = ([first; 16], [first; 16], [0u32; 16]);
+    let (blocks, rest) = row.as_chunks::<16>();
+    let mut tail = [first; 16];
+    tail[..rest.len()].copy_from_slice(rest);
+    for block in blocks.iter().chain([&tail]) {
+        for k in 0..16 {
+            let value = block[k];
+            low[k] = if value < low[k] { value } else { low[k] };
+            high[k] = if value > high[k] { value } else { high[k] };
+            #[allow(clippy::eq_op, reason = "true for NaN; costs integers nothing")]
+            let is_nan = value != value;
+            nan[k] |= u32::from(is_nan);
+        }
+    }
+    let (low, high) = (low.map(T::to_f32), high.map(T::to_f32));
+    let least = low.iter().copied().fold(low[0], f32::min);
+    let largest = high.iter().copied().fold(high[0], f32::max);
+    let finite = nan == [0; 16] && least.is_finite() && largest.is_finite();
+    finite.then_some([least, largest])
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::{Array2, s};
+
+    use super::*;
+
+    fn scale(range: f32) -> f32 {
+        Greys {
+            extremes: Some([0.0, range]),
+            finite: true,
+        }
+        .scale()
+    }
+
+    #[test]
+    fn a_range_is_brought_to_that_of_8_bits() {
+        for (range, want) in [
+            (0.0, 1.0),
+            (16.0, 1.0),
+            (255.0, 1.0),
+            (512.0, 1.0),
+            (1.0, 128.0),
+            (255.0 / 256.0, 256.0),
+            (15.5, 16.0),
+            (513.0, 0.25),
+            (65535.0, 1.0 / 256.0),
+        ] {
+            assert_eq!(scale(range), want, "{range}");
+        }
+        for range in [f32::from_bits(1), f32::MIN_POSITIVE, 3e-7, 1e30, f32::MAX] {
+            let scale = scale(range);
+            assert!(scale.is_normal() && scale.recip().is_normal(), "{range}");
+            assert!(range < 1e-30 || (128.0..256.0).contains(&(range * scale)));
+        }
+        let widest = Greys {
+            extremes: Some([f32::MIN, f32::MAX]),
+            finite: true,
+        };
+        assert_eq!(widest.scale(), 2.0f32.powi(7 - 128));
+        assert_eq!(Greys::default().scale(), 1.0);
+    }
+
+    #[test]
+    fn extremes_are_those_of_the_finite_pixels() {
+        for width in [1usize, 15, 16, 17, 40] {
+            let frame = Array2::from_shape_fn((3, width), |(y, x)| (y * 50 + x) as f32 - 7.0);
+            let greys = Greys::of(frame.view());
+            let most = (100 + width) as f32 - 8.0;
+            assert_eq!(greys.extremes, Some([-7.0, most]));
+            assert!(greys.stay_finite(1.0) && !greys.stay_finite(f32::MAX));
+            assert_eq!(greys, Greys::of(frame.slice(s![.., ..;-1])));
+            for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+                let mut frame = frame.clone();
+                frame[(1, width / 2)] = bad;
+                let greys = Greys::of(frame.view());
+                assert_eq!(greys.extremes, Some([-7.0, most]));
+                assert!(!greys.stay_finite(1.0));
+            }
+        }
+        let nothing = Greys::of(Array2::from_elem((2, 5), f32::NAN).view());
+        assert_eq!((nothing.extremes, nothing.scale()), (None, 1.0));
+        assert!(!nothing.stay_finite(1.0));
+        let bytes = Array2::from_shape_fn((4, 9), |(y, x)| (y * 9 + x) as u8);
+        assert_eq!(Greys::of(bytes.view()).extremes, Some([0.0, 35.0]));
+    }
+}
