@@ -1,6 +1,6 @@
 //! `rsflow._core`: numpy arrays in, lk-core, numpy arrays out. No algorithm lives here.
 //!
-//! Every call releases the GIL while it computes, and long ones look for signals; see [`interrupt`].
+//! Every call releases the GIL while it computes, and long ones look for signals; see `interrupt`.
 
 mod errors;
 mod flow;
