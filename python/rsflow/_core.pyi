@@ -1,7 +1,22 @@
-from typing import Any
+from typing import Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+__all__ = [
+    "DenseFlow",
+    "PointTracker",
+    "__version__",
+    "build_info",
+    "detect_corners",
+    "estimate_shift",
+    "gaussian_pyramid",
+    "get_num_threads",
+    "point_statuses",
+    "set_num_threads",
+    "track_bouguet",
+    "track_points",
+]
 
 __version__: str
 
@@ -40,8 +55,9 @@ def track_bouguet(
 def gaussian_pyramid(frame: object, levels: int) -> list[NDArray[np.float32]]: ...
 def point_statuses() -> list[tuple[str, int]]: ...
 
+@final
 class PointTracker:
-    def __init__(self, options: dict[str, Any], max_corners: int, quality: float, min_distance: float) -> None: ...
+    def __new__(cls, options: dict[str, Any], max_corners: int, quality: float, min_distance: float) -> Self: ...
     def update(self, frame: object, mask: object) -> dict[str, Any]: ...
     def reset(self) -> None: ...
     @property
@@ -56,12 +72,13 @@ def estimate_shift(
     max_displacement: float | None,
 ) -> tuple[float, float, tuple[float, float, float, float], float, float, float, int]: ...
 
-FlowParts = tuple[
+_FlowParts = tuple[
     NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], int
 ]
 
+@final
 class DenseFlow:
-    def __new__(cls, preset: str, illumination: str, max_displacement: float | None) -> DenseFlow: ...
-    def pair(self, prev: object, next: object, initial: object, region: object) -> FlowParts: ...
-    def update(self, frame: object, initial: object, region: object) -> FlowParts | None: ...
+    def __new__(cls, preset: str, illumination: str, max_displacement: float | None) -> Self: ...
+    def pair(self, prev: object, next: object, initial: object, region: object) -> _FlowParts: ...
+    def update(self, frame: object, initial: object, region: object) -> _FlowParts | None: ...
     def reset(self) -> None: ...

@@ -300,7 +300,7 @@ class DenseFlow:
         self._started = False
 
 
-def _field(parts: _core.FlowParts) -> FlowField:
+def _field(parts: _core._FlowParts) -> FlowField:
     uv, valid, residual, gain, offset, halvings = parts
     return FlowField(uv, valid, residual, (gain, offset, halvings))
 
