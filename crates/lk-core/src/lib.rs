@@ -7,6 +7,10 @@
 //! of one architecture.
 #![deny(missing_docs)]
 
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 mod corners;
 mod dense;
 mod error;
