@@ -235,7 +235,7 @@ def test_interrupted_live_ends_with_130(clip):
         "def slow(*a, **k):\n"
         "    for reading in real(*a, **k):\n"
         "        yield reading\n"
-        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "        signal.raise_signal(signal.SIGINT)\n"
         "live.readings = slow\n"
         f"sys.exit(main(['live', {os.fspath(clip) + '/*.png'!r}]))\n"
     )
