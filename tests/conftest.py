@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import zlib
 
 import hypothesis
@@ -11,6 +12,10 @@ import pytest
 # The same examples in every run: a failure can be run again, and a pass means the same everywhere.
 hypothesis.settings.register_profile("seeded", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("seeded")
+
+# A shell that starts the tests in the background has them ignore SIGINT, and so would every child that tests Ctrl-C.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
