@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, LazyLock};
+use std::sync::{Arc, LazyLock, OnceLock};
 
 use arc_swap::ArcSwap;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -37,11 +37,14 @@ pub fn set_num_threads(threads: usize) {
     REQUESTED.store(threads, Ordering::Relaxed);
 }
 
-/// The number of threads of all calls that do not say otherwise.
+/// The number of threads of all calls that do not say otherwise; how many CPUs there are is asked once.
 #[must_use]
 pub fn num_threads() -> usize {
+    // Asking reads files of the control groups: about 30 us, and every band of rows would pay it.
+    static CPUS: OnceLock<usize> = OnceLock::new();
     match REQUESTED.load(Ordering::Relaxed) {
-        0 => std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+        0 => *CPUS
+            .get_or_init(|| std::thread::available_parallelism().map_or(1, std::num::NonZero::get)),
         threads => threads,
     }
 }
