@@ -1,0 +1,126 @@
+//! Where to start points: the corners whose window fixes a displacement best.
+//!
+//! J. Shi and C. Tomasi, "Good features to track", CVPR 1994: the smaller eigenvalue of the structure tensor, the
+//! largest of its 3 x 3 neighbourhood, best first, none closer to a better one than the least distance.
+
+mod options;
+mod response;
+mod select;
+
+use ndarray::ArrayView2;
+
+pub use options::CornerOptions;
+
+use crate::error::{Error, Result};
+use crate::frame::{Frame, Pixel, Plane};
+use crate::parallel::for_each_band;
+use response::TensorRows;
+use select::Selection;
+
+/// A corner of a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corner {
+    /// Position (x, y) in pixels.
+    pub position: [f32; 2],
+    /// Its response, in squared grey levels per pixel: the smaller eigenvalue of the mean structure tensor, or
+    /// Harris and Stephens' response.
+    pub response: f32,
+}
+
+/// Memory that is kept from frame to frame.
+#[derive(Debug, Default)]
+pub struct CornerDetector {
+    plane: Plane,
+    response: Plane,
+    selection: Selection,
+}
+
+/// The corners of `frame`, the best first; `mask` is true where to look.
+///
+/// # Errors
+///
+/// [`Error::Shape`] if the mask does not fit; those of [`CornerOptions::validate`] and of the execution.
+pub fn detect_corners<T: Pixel>(
+    frame: Frame<'_, T>,
+    mask: Option<ArrayView2<'_, bool>>,
+    options: &CornerOptions,
+) -> Result<Vec<Corner>> {
+    let mut corners = Vec::new();
+    CornerDetector::default().detect(frame, mask, options, &mut corners)?;
+    Ok(corners)
+}
+
+impl CornerDetector {
+    /// The same as [`detect_corners`]; `corners` is replaced.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`detect_corners`].
+    pub fn detect<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        mask: Option<ArrayView2<'_, bool>>,
+        options: &CornerOptions,
+        corners: &mut Vec<Corner>,
+    ) -> Result<()> {
+        options.validate()?;
+        let mut plane = std::mem::take(&mut self.plane);
+        let copied = plane.copy_from(frame, &options.execution);
+        let result = copied.and_then(|()| self.detect_in(&plane, mask, options, corners));
+        self.plane = plane;
+        result
+    }
+
+    /// The same on a plane, such as the finest level of a pyramid.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`detect_corners`].
+    pub fn detect_in(
+        &mut self,
+        plane: &Plane,
+        mask: Option<ArrayView2<'_, bool>>,
+        options: &CornerOptions,
+        corners: &mut Vec<Corner>,
+    ) -> Result<()> {
+        options.validate()?;
+        corners.clear();
+        let (width, height) = (plane.width(), plane.height());
+        if let Some(mask) = mask
+            && mask.dim() != (height, width)
+        {
+            return Err(Error::shape(
+                "mask",
+                format!("({}, {})", mask.dim().0, mask.dim().1),
+                format!("the shape of the frame, ({height}, {width})"),
+            ));
+        }
+        if width < 3 || height < 3 {
+            return Ok(());
+        }
+        self.respond(plane, options)?;
+        self.selection
+            .choose(&self.response, mask, options, corners);
+        Ok(())
+    }
+
+    /// Fill the response of every pixel.
+    fn respond(&mut self, plane: &Plane, options: &CornerOptions) -> Result<()> {
+        let (width, height) = (plane.width(), plane.height());
+        self.response.resize(width, height);
+        // A row costs some 30 operations a pixel; this many pixels cost well above what a hand-over does.
+        let min_rows = (16_384 / width).max(options.block_size);
+        for_each_band(
+            &options.execution,
+            height,
+            min_rows,
+            self.response.rows_mut(),
+            |rows, mut part| {
+                let mut tensor = TensorRows::new(width, options);
+                for (local, y) in rows.enumerate() {
+                    tensor.respond(plane, y, part.row_mut(local));
+                }
+            },
+        )
+    }
+}
