@@ -122,7 +122,7 @@ def track_points(
     points : array_like, shape (N, 2)
         Positions (x, y) in `prev` in pixels, pixel centres at integers.
     window_size : int or (width, height), optional
-        Side of the window around a point, 3 to 63 pixels.
+        Side of the window around a point, 3 to 63 pixels. At full resolution one more pixel on each side takes part.
     levels : int, optional
         Levels of the pyramid, the frame itself included. By default they follow from the frame's size and from
         `max_displacement`.

@@ -13,8 +13,16 @@ use crate::errors::{raise, to_python};
 use crate::frames::{AnyFrame, mask, pair};
 use crate::{interrupt, with_pair, with_view};
 
-/// What a call costs beside its frames, in the pixels by which [`interrupt::run`] counts.
-const PIXELS_A_POINT: usize = 1 << 10;
+/// Pixels of a frame, or of the windows of its points, that cost as much as one of those by which [`interrupt::run`]
+/// counts: a pyramid or corners take some 3 ns a pixel, a point some 20 ns a pixel of its window.
+const FRAME_PIXELS: usize = 1 << 4;
+const WINDOW_PIXELS: usize = 1 << 3;
+
+/// The cost of a call over this many frames, points and pixels a window, for [`interrupt::run`].
+fn cost(frames: usize, (height, width): (usize, usize), points: usize, window: usize) -> usize {
+    (frames * height * width / FRAME_PIXELS)
+        .saturating_add(points.saturating_mul(window) / WINDOW_PIXELS)
+}
 
 /// Add this file's functions and classes to the module.
 pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -174,8 +182,8 @@ fn track_points<'py>(
         .map(|initial| points_of("initial", initial))
         .transpose()?;
     let options = track_options(options)?;
-    let pixels = (2 * height * width).saturating_add(points.len() * PIXELS_A_POINT);
-    let tracks = interrupt::run(py, pixels, |execution: &Execution| {
+    let cost = cost(2, prev.dim(), points.len(), options.window_area());
+    let tracks = interrupt::run(py, cost, |execution: &Execution| {
         let options = options.execution(execution.clone());
         with_pair!(views, |prev, next| lk_core::track_points(
             prev,
@@ -213,7 +221,6 @@ fn track_bouguet<'py>(
     let prev = AnyFrame::new("prevImg", prev)?;
     let next = AnyFrame::new("nextImg", next)?;
     let views = pair(&prev, &next)?;
-    let (height, width) = prev.dim();
     let points = points_of("prevPts", points)?;
     let initial = initial
         .map(|initial| points_of("nextPts", initial))
@@ -224,8 +231,8 @@ fn track_bouguet<'py>(
         .criteria(iterations, epsilon)
         .min_eigenvalue(min_eigenvalue)
         .eigenvalue_as_error(eigenvalue_as_error);
-    let pixels = (2 * height * width).saturating_add(points.len() * PIXELS_A_POINT);
-    let tracks = interrupt::run(py, pixels, |execution: &Execution| {
+    let cost = cost(2, prev.dim(), points.len(), window.0 * window.1);
+    let tracks = interrupt::run(py, cost, |execution: &Execution| {
         let options = options.execution(execution.clone());
         with_pair!(views, |prev, next| lk_core::track_bouguet(
             prev,
@@ -254,9 +261,8 @@ fn gaussian_pyramid<'py>(
     levels: usize,
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
     let frame = AnyFrame::new("img", frame)?;
-    let (height, width) = frame.dim();
     let view = frame.view();
-    let pyramid = interrupt::run(py, height * width, |execution: &Execution| {
+    let pyramid = interrupt::run(py, cost(1, frame.dim(), 0, 0), |execution: &Execution| {
         with_view!(view, |frame| lk_core::Pyramid::new(
             frame, levels, execution
         ))
@@ -296,7 +302,7 @@ fn detect_corners<'py>(
     let mask = mask.as_ref().map(PyReadonlyArray2::as_array);
     let options = corner_options(max_corners, quality, min_distance, block_size, harris)?;
     let view = frame.view();
-    let corners = interrupt::run(py, height * width, |execution: &Execution| {
+    let corners = interrupt::run(py, cost(1, frame.dim(), 0, 0), |execution: &Execution| {
         let options = options.execution(execution.clone());
         with_view!(view, |frame| lk_core::detect_corners(frame, mask, &options))
     })?;

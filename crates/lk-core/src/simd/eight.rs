@@ -74,10 +74,20 @@ pub(crate) trait Eight:
         Self::splat(0.0)
     }
 
-    /// The sum over lanes, in a fixed order.
+    /// The sum over lanes, in the order of [`Packed::sum`].
     #[inline(always)]
     fn sum(self) -> f64 {
         self.pack().sum()
+    }
+
+    /// [`Eight::sum`] of each. A closure given to `map` would not be compiled with the level's instructions.
+    #[inline(always)]
+    fn sums<const N: usize>(lanes: &[Self; N]) -> [f64; N] {
+        let mut sums = [0.0; N];
+        for (sum, lanes) in sums.iter_mut().zip(lanes) {
+            *sum = lanes.sum();
+        }
+        sums
     }
 }
 
@@ -249,14 +259,25 @@ pub(crate) mod x86 {
     //! SSE2, which every x86-64 CPU has, and AVX.
 
     use std::arch::x86_64::{
-        __m128, __m256, _CMP_GE_OQ, _mm_add_ps, _mm_and_ps, _mm_cmpge_ps, _mm_load_ps,
-        _mm_loadu_ps, _mm_movemask_ps, _mm_mul_ps, _mm_set1_ps, _mm_sqrt_ps, _mm_store_ps,
-        _mm_storeu_ps, _mm_sub_ps, _mm256_add_ps, _mm256_and_ps, _mm256_cmp_ps, _mm256_load_ps,
-        _mm256_loadu_ps, _mm256_movemask_ps, _mm256_mul_ps, _mm256_set1_ps, _mm256_sqrt_ps,
-        _mm256_store_ps, _mm256_storeu_ps, _mm256_sub_ps,
+        __m128, __m256, _CMP_GE_OQ, _mm_add_ps, _mm_add_ss, _mm_and_ps, _mm_cmpge_ps,
+        _mm_cvtss_f32, _mm_load_ps, _mm_loadu_ps, _mm_movehl_ps, _mm_movemask_ps, _mm_mul_ps,
+        _mm_set1_ps, _mm_shuffle_ps, _mm_sqrt_ps, _mm_store_ps, _mm_storeu_ps, _mm_sub_ps,
+        _mm256_add_ps, _mm256_and_ps, _mm256_castps256_ps128, _mm256_cmp_ps, _mm256_extractf128_ps,
+        _mm256_load_ps, _mm256_loadu_ps, _mm256_movemask_ps, _mm256_mul_ps, _mm256_set1_ps,
+        _mm256_sqrt_ps, _mm256_store_ps, _mm256_storeu_ps, _mm256_sub_ps,
     };
 
     use super::{Add, AddAssign, EIGHT, Eight, Mul, Packed, Sub};
+
+    /// The sum of a, b, c, d as (a + c) + (b + d).
+    #[inline(always)]
+    fn sum_of_four(four: __m128) -> f32 {
+        // SAFETY: every x86-64 CPU has SSE.
+        unsafe {
+            let pairs = _mm_add_ps(four, _mm_movehl_ps(four, four));
+            _mm_cvtss_f32(_mm_add_ss(pairs, _mm_shuffle_ps::<1>(pairs, pairs)))
+        }
+    }
 
     /// The lanes in two SSE registers.
     #[derive(Debug, Clone, Copy)]
@@ -348,6 +369,12 @@ pub(crate) mod x86 {
         }
 
         #[inline(always)]
+        fn sum(self) -> f64 {
+            // SAFETY: every x86-64 CPU has SSE.
+            f64::from(sum_of_four(unsafe { _mm_add_ps(self.0, self.1) }))
+        }
+
+        #[inline(always)]
         fn at_least(self, other: Self) -> u8 {
             // SAFETY: every x86-64 CPU has SSE.
             let (low, high) = unsafe {
@@ -434,6 +461,18 @@ pub(crate) mod x86 {
         fn sqrt(self) -> Self {
             // SAFETY: this CPU has AVX, see the type.
             Self(unsafe { _mm256_sqrt_ps(self.0) })
+        }
+
+        #[inline(always)]
+        fn sum(self) -> f64 {
+            // SAFETY: this CPU has AVX, see the type.
+            let four = unsafe {
+                _mm_add_ps(
+                    _mm256_castps256_ps128(self.0),
+                    _mm256_extractf128_ps::<1>(self.0),
+                )
+            };
+            f64::from(sum_of_four(four))
         }
 
         #[inline(always)]

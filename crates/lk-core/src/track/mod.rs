@@ -6,6 +6,7 @@
 //! parametric models of geometry and illumination", PAMI 1998.
 
 mod bouguet;
+mod judge;
 mod normal;
 mod options;
 mod patch;

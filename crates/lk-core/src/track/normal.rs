@@ -5,7 +5,7 @@
 //! step is one 2 x 2 solve under every model.
 
 use crate::illumination::Illumination;
-use crate::track::patch::{Sums, Template};
+use crate::track::patch::{Sums, Template, Window};
 
 /// Gains beyond which two windows are not the same thing in another light.
 pub(crate) const GAIN_RANGE: (f64, f64) = (0.25, 4.0);
@@ -17,12 +17,55 @@ const LEAST_SHARE: f64 = 1e-5;
 /// whole pixel, 1/6, 4/6 and 1/6, correlated with themselves.
 const NOISE_CORRELATION: [f64; 2] = [4.0 / 9.0, 1.0 / 18.0];
 
+/// What of the light is unknown in one window.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Light {
+    gain: bool,
+    offset: bool,
+    /// Whether the offset varies linearly over the window.
+    tilt: bool,
+}
+
+impl Light {
+    pub(crate) const STEADY: Self = Self {
+        gain: false,
+        offset: false,
+        tilt: false,
+    };
+    pub(crate) const OFFSET: Self = Self {
+        offset: true,
+        ..Self::STEADY
+    };
+    pub(crate) const GAIN_OFFSET: Self = Self {
+        gain: true,
+        ..Self::OFFSET
+    };
+    pub(crate) const TILTED_OFFSET: Self = Self {
+        tilt: true,
+        ..Self::OFFSET
+    };
+
+    pub(crate) fn of(illumination: Illumination) -> Self {
+        match illumination {
+            Illumination::None => Self::STEADY,
+            Illumination::Offset => Self::OFFSET,
+            Illumination::GainOffset => Self::GAIN_OFFSET,
+        }
+    }
+
+    /// The same, with an offset that varies over the window where the model has a gain.
+    pub(crate) fn with_tilt(self) -> Self {
+        Self {
+            tilt: self.gain,
+            ..self
+        }
+    }
+}
+
 /// The normal equations of one template, inverted.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Normal {
-    gain: bool,
-    offset: bool,
-    tilt: bool,
+    light: Light,
     area: f64,
     moments: [f64; 2],
     /// Of the intensity and both gradients: mean, and slopes along x and y.
@@ -50,12 +93,9 @@ pub(crate) struct Step {
 }
 
 impl Normal {
-    /// `None` if the window's texture does not fix a displacement at all, or holds a NaN. With `tilt` an offset may
-    /// vary linearly over the window, where the model has a gain.
-    pub(crate) fn new(template: &Template, illumination: Illumination, tilt: bool) -> Option<Self> {
-        let offset = illumination != Illumination::None;
-        let gain = illumination == Illumination::GainOffset;
-        let tilt = tilt && gain;
+    /// `None` if the window's texture does not fix a displacement at all, or holds a NaN.
+    pub(crate) fn new(template: &Template, light: Light) -> Option<Self> {
+        let Light { gain, offset, tilt } = light;
         let area = template.window.area();
         let moments = template.window.moments();
         let sums = &template.sums;
@@ -87,9 +127,7 @@ impl Normal {
             return None;
         }
         Some(Self {
-            gain,
-            offset,
-            tilt,
+            light: Light { gain, ..light },
             area,
             moments,
             mean: sums.plain.map(|sum| sum / area),
@@ -109,13 +147,13 @@ impl Normal {
     pub(crate) fn step(&self, sums: &Sums) -> Step {
         let mut products = sums.products;
         let mut left = sums.squared;
-        if self.offset {
+        if self.light.offset {
             left -= sums.plain * sums.plain / self.area;
             for (product, mean) in products.iter_mut().zip(self.mean) {
                 *product -= mean * sums.plain;
             }
         }
-        if self.tilt {
+        if self.light.tilt {
             for axis in 0..2 {
                 left -= sums.tilt[axis] * sums.tilt[axis] / self.moments[axis];
                 for (product, slope) in products.iter_mut().zip(self.slopes[axis]) {
@@ -125,7 +163,7 @@ impl Normal {
         }
         let [intensity, mut x, mut y] = products;
         let [aa, ax, ay] = self.intensity;
-        if self.gain {
+        if self.light.gain {
             left -= intensity * intensity / aa;
             x -= self.part[0] * intensity;
             y -= self.part[1] * intensity;
@@ -134,7 +172,7 @@ impl Normal {
         let scaled = [-(xx * x + xy * y), -(xy * x + yy * y)];
         left += scaled[0] * x + scaled[1] * y;
         let mut gain = 1.0;
-        if self.gain {
+        if self.light.gain {
             gain += (intensity + scaled[0] * ax + scaled[1] * ay) / aa;
         }
         let usable = gain.clamp(GAIN_RANGE.0, GAIN_RANGE.1);
@@ -148,9 +186,9 @@ impl Normal {
     /// Mean square of what `step` leaves, in square grey levels.
     pub(crate) fn variance(&self, step: &Step) -> f64 {
         let unknowns = 2.0
-            + f64::from(u8::from(self.offset))
-            + f64::from(u8::from(self.gain))
-            + 2.0 * f64::from(u8::from(self.tilt));
+            + f64::from(u8::from(self.light.offset))
+            + f64::from(u8::from(self.light.gain))
+            + 2.0 * f64::from(u8::from(self.light.tilt));
         step.left / (self.area - unknowns).max(1.0)
     }
 
@@ -181,19 +219,23 @@ impl Normal {
 fn inflation(template: &Template) -> f64 {
     let sums = &template.sums;
     let area = template.window.area();
-    let lagged_share = (template.window.height - 1) as f64 / template.window.height as f64;
+    // Of so many pixels in a row, this share has a neighbour so far away within the window.
+    let share = |pixels: usize, lag: usize| pixels.saturating_sub(lag) as f64 / pixels as f64;
+    let Window { width, height } = template.window;
     let mut total = 1.0;
-    for (axis, energy) in [(0, sums.products[3]), (1, sums.products[5])] {
+    for (axis, pixels, energy) in [(0, width, sums.products[3]), (1, height, sums.products[5])] {
         let mean = sums.plain[axis + 1] * sums.plain[axis + 1] / area;
         let correlation =
-            (sums.lagged[axis] - lagged_share * mean) / (lagged_share * (energy - mean));
+            (sums.lagged[axis] - share(height, 1) * mean) / (share(height, 1) * (energy - mean));
         let correlation = if correlation.is_finite() {
             correlation.clamp(0.0, 1.0)
         } else {
             1.0
         };
         let [one, two] = NOISE_CORRELATION;
-        total *= 1.0 + 2.0 * (one * correlation + two * correlation.powi(4));
+        let one = one * share(pixels, 1) * correlation;
+        let two = two * share(pixels, 2) * correlation.powi(4);
+        total *= 1.0 + 2.0 * (one + two);
     }
     total
 }

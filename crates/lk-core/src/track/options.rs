@@ -51,11 +51,18 @@ impl Default for TrackOptions {
 }
 
 impl TrackOptions {
-    /// Width and height of the window around a point, in pixels, 3 to 63; 21 by 21 by default.
+    /// Width and height of the window around a point, in pixels, 3 to 63; 21 by 21 by default. On the finest level one
+    /// more pixel on each side takes part.
     #[must_use]
     pub fn window_size(mut self, width: usize, height: usize) -> Self {
         self.window = Window { width, height };
         self
+    }
+
+    /// Pixels of that window.
+    #[must_use]
+    pub fn window_area(&self) -> usize {
+        self.window.width * self.window.height
     }
 
     /// Levels of the pyramid, the frame itself included; `None`, the default, follows from frame and displacement.

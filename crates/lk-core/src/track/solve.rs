@@ -1,9 +1,8 @@
-//! One point: down the levels, and the judgement of what was found.
+//! One point: down the levels.
 
 use crate::frame::Plane;
-use crate::illumination::Illumination;
 use crate::simd::{Level, dispatch_eight};
-use crate::track::normal::{GAIN_RANGE, Normal, Step};
+use crate::track::normal::{Light, Normal, Step};
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
 use crate::track::patch::{
     BorderScratch, BuildTemplate, Compare, Sampling, Sums, Template, Window,
@@ -17,12 +16,6 @@ const COARSE_ITERATIONS: usize = 8;
 
 /// Steps cannot be trusted to shrink faster than by this factor, however the last two compare.
 const LEAST_FACTOR: f64 = 0.2;
-
-/// Variance left in the difference, as a share of the window's own, beyond which two windows do not match.
-const MAX_UNEXPLAINED: f64 = 0.25;
-
-/// Standard deviation of a position, in pixels along its worst direction, beyond which a window has no texture.
-const MAX_DEVIATION: f64 = 0.5;
 
 /// The coarsest level of a second try: its starts are right to a few pixels.
 const RETRY_LEVEL: usize = 3;
@@ -52,17 +45,29 @@ pub(crate) struct Problem<'a> {
     pub(crate) level: Level,
 }
 
-/// A displacement that was found, and how well it fits.
+/// Pyramids in the order of the search.
 #[derive(Debug, Clone, Copy)]
-struct Fit {
-    displacement: [f64; 2],
-    /// Mean square difference that is left, in square grey levels.
-    variance: f64,
-    /// Variance of the window in `prev`, times the gain squared.
-    signal: f64,
-    /// Covariance of the displacement for that variance: xx, xy, yy.
-    covariance: [f64; 3],
-    gain: f64,
+pub(super) struct Way<'a> {
+    from: &'a [Plane],
+    to: &'a [Plane],
+}
+
+/// The last step on the finest level.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rest {
+    /// The displacement before the step.
+    pub(super) before: [f64; 2],
+    /// What was summed there.
+    pub(super) sums: Sums,
+    pub(super) normal: Normal,
+    pub(super) step: Step,
+}
+
+impl Rest {
+    /// The displacement after `step`.
+    pub(super) fn after(&self, step: &Step) -> [f64; 2] {
+        [self.before[0] + step.by[0], self.before[1] + step.by[1]]
+    }
 }
 
 impl Problem<'_> {
@@ -81,8 +86,12 @@ impl Problem<'_> {
         }
         let top = self.prev.len() - 1;
         let guess = start.map(f64::from);
-        match self.follow(self.prev, self.next, point, guess, top, workspace) {
-            Ok(fit) => self.conclude(point, guess, top, &fit, workspace),
+        let way = self.forward();
+        match self.follow(way, point, guess, top, self.tolerance(), workspace) {
+            Ok(rest) => {
+                let fit = self.settle(&rest, &workspace.template);
+                self.conclude(point, guess, top, &fit, workspace)
+            }
             Err(status) => TrackedPoint::lost(status),
         }
     }
@@ -96,10 +105,10 @@ impl Problem<'_> {
         workspace: &mut Workspace,
     ) -> TrackedPoint {
         let top = top.clamp(1, RETRY_LEVEL).min(self.prev.len() - 1);
+        let way = self.forward();
         let mut best: Option<(f64, [f64; 2], [f64; 2])> = None;
         for guess in candidates {
-            let (found, unexplained) =
-                self.descend(self.prev, self.next, point, *guess, top, workspace);
+            let (found, unexplained) = self.descend(way, point, *guess, top, workspace);
             if best.is_none_or(|(least, ..)| unexplained < least) {
                 best = Some((unexplained, found, *guess));
             }
@@ -107,107 +116,54 @@ impl Problem<'_> {
         let Some((_, found, guess)) = best else {
             return TrackedPoint::lost(PointStatus::HighResidual);
         };
-        match self.fine(&self.prev[0], &self.next[0], point, found, workspace) {
-            Ok(fit) => self.conclude(point, guess, top, &fit, workspace),
+        match self.fine(way, point, found, self.tolerance(), workspace) {
+            Ok(rest) => {
+                let fit = self.settle(&rest, &workspace.template);
+                self.conclude(point, guess, top, &fit, workspace)
+            }
             Err(status) => TrackedPoint::lost(status),
         }
     }
 
-    /// Judge what was found for `point` from the displacement `guess` on the level `top`.
-    fn conclude(
-        &self,
-        point: [f32; 2],
-        guess: [f64; 2],
-        top: usize,
-        fit: &Fit,
-        workspace: &mut Workspace,
-    ) -> TrackedPoint {
-        let position = [
-            (f64::from(point[0]) + fit.displacement[0]) as f32,
-            (f64::from(point[1]) + fit.displacement[1]) as f32,
-        ];
-        if let Err(status) = self.judge(fit, position) {
-            return TrackedPoint {
-                residual: fit.variance.sqrt() as f32,
-                ..TrackedPoint::lost(status)
-            };
-        }
-        let mut forward_backward = f32::NAN;
-        if let Some(limit) = self.options.max_forward_backward {
-            let back = self.follow(
-                self.next,
-                self.prev,
-                position,
-                guess.map(|component| -component),
-                top,
-                workspace,
-            );
-            if let Ok(back) = back {
-                let dx = fit.displacement[0] + back.displacement[0];
-                let dy = fit.displacement[1] + back.displacement[1];
-                forward_backward = dx.hypot(dy) as f32;
-            }
-            // Also where nothing came back, and the distance is NaN.
-            if forward_backward.is_nan() || forward_backward > limit {
-                return TrackedPoint {
-                    residual: fit.variance.sqrt() as f32,
-                    forward_backward,
-                    ..TrackedPoint::lost(PointStatus::ForwardBackward)
-                };
-            }
-        }
-        TrackedPoint {
-            position,
-            status: PointStatus::Tracked,
-            residual: fit.variance.sqrt() as f32,
-            covariance: fit.covariance.map(|value| value as f32),
-            forward_backward,
+    pub(super) fn forward(&self) -> Way<'_> {
+        Way {
+            from: self.prev,
+            to: self.next,
         }
     }
 
-    fn judge(&self, fit: &Fit, position: [f32; 2]) -> Result<(), PointStatus> {
-        if !inside(&self.next[0], position) {
-            return Err(PointStatus::OutOfFrame);
+    pub(super) fn backward(&self) -> Way<'_> {
+        Way {
+            from: self.next,
+            to: self.prev,
         }
-        if let Some(longest) = self.options.max_displacement
-            && fit.displacement[0].hypot(fit.displacement[1]) > f64::from(longest)
-        {
-            return Err(PointStatus::NotConverged);
-        }
-        if fit.variance > MAX_UNEXPLAINED * fit.signal
-            || fit.gain < GAIN_RANGE.0
-            || fit.gain > GAIN_RANGE.1
-        {
-            return Err(PointStatus::HighResidual);
-        }
-        let [xx, xy, yy] = fit.covariance;
-        let worst = 0.5 * (xx + yy) + (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
-        if worst > MAX_DEVIATION * MAX_DEVIATION {
-            return Err(PointStatus::LowTexture);
-        }
-        Ok(())
     }
 
-    /// The displacement of the window around `point` from `from` to `to`, from the level `top` down.
-    fn follow(
+    /// How far the steps that are left out may lead, in pixels.
+    fn tolerance(&self) -> f64 {
+        0.5 * f64::from(self.options.epsilon)
+    }
+
+    /// The displacement of the window around `point` from the level `top` down, to `tolerance`
+    /// pixels.
+    pub(super) fn follow(
         &self,
-        from: &[Plane],
-        to: &[Plane],
+        way: Way<'_>,
         point: [f32; 2],
         guess: [f64; 2],
         top: usize,
+        tolerance: f64,
         workspace: &mut Workspace,
-    ) -> Result<Fit, PointStatus> {
-        let (displacement, _) = self.descend(from, to, point, guess, top, workspace);
-        self.fine(&from[0], &to[0], point, displacement, workspace)
+    ) -> Result<Rest, PointStatus> {
+        let (displacement, _) = self.descend(way, point, guess, top, workspace);
+        self.fine(way, point, displacement, tolerance, workspace)
     }
 
     /// The displacement after the coarse levels from `top` down, and the share of the window's variance that it leaves
     /// unexplained on the last of them.
     fn descend(
         &self,
-        from: &[Plane],
-        to: &[Plane],
+        way: Way<'_>,
         point: [f32; 2],
         guess: [f64; 2],
         top: usize,
@@ -221,7 +177,7 @@ impl Problem<'_> {
             let centre = point.map(|coordinate| coordinate * scale as f32);
             unexplained = f64::INFINITY;
             if let Some((found, left)) =
-                self.coarse(&from[level], &to[level], centre, guess, workspace)
+                self.coarse(&way.from[level], &way.to[level], centre, guess, workspace)
             {
                 displacement = found.map(|component| component / scale);
                 unexplained = left;
@@ -241,7 +197,7 @@ impl Problem<'_> {
     ) -> Option<([f64; 2], f64)> {
         let window = coarse_window(self.options.window);
         let centre = self.build(from, centre, window, Sampling::Linear, workspace);
-        let normal = Normal::new(&workspace.template, self.options.illumination, false)?;
+        let normal = Normal::new(&workspace.template, Light::of(self.options.illumination))?;
         let reach = f64::from(window.half()[0].max(window.half()[1])) + 1.0;
         let mut displacement = guess;
         let mut last = f64::INFINITY;
@@ -266,24 +222,24 @@ impl Problem<'_> {
         None
     }
 
-    /// The displacement on the finest level, and how well it fits.
+    /// The displacement on the finest level, to `tolerance` pixels.
     fn fine(
         &self,
-        from: &Plane,
-        to: &Plane,
+        way: Way<'_>,
         centre: [f32; 2],
         guess: [f64; 2],
+        tolerance: f64,
         workspace: &mut Workspace,
-    ) -> Result<Fit, PointStatus> {
-        let window = self.options.window;
+    ) -> Result<Rest, PointStatus> {
+        let (from, to) = (&way.from[0], &way.to[0]);
+        let window = self.options.window.with_rim();
         self.build(from, centre, window, Sampling::Spline, workspace);
         let template = &workspace.template;
         if !template.sums.products.iter().all(|sum| sum.is_finite()) {
             return Err(PointStatus::NotFinite);
         }
-        let normal = Normal::new(template, self.options.illumination, true)
-            .ok_or(PointStatus::LowTexture)?;
-        let epsilon = f64::from(self.options.epsilon);
+        let light = Light::of(self.options.illumination).with_tilt();
+        let normal = Normal::new(template, light).ok_or(PointStatus::LowTexture)?;
         let mut displacement = guess;
         let mut last = f64::INFINITY;
         for _ in 0..self.options.max_iterations {
@@ -299,12 +255,13 @@ impl Problem<'_> {
             displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
             // Steps shrink by a steady factor, so this is how far the rest of them would lead.
             let factor = (size / last).max(LEAST_FACTOR);
-            if factor < 1.0 && size * factor / (1.0 - factor) < 0.5 * epsilon {
-                let template = &workspace.template;
-                let (normal, step) =
-                    simplest(template, self.options.illumination, &sums, (normal, step));
-                let displacement = [before[0] + step.by[0], before[1] + step.by[1]];
-                return Ok(Fit::new(&normal, &step, displacement));
+            if factor < 1.0 && size * factor / (1.0 - factor) < tolerance {
+                return Ok(Rest {
+                    before,
+                    sums,
+                    normal,
+                    step,
+                });
             }
             last = size;
         }
@@ -364,50 +321,6 @@ impl Problem<'_> {
     }
 }
 
-impl Fit {
-    fn new(normal: &Normal, step: &Step, displacement: [f64; 2]) -> Self {
-        let variance = normal.variance(step);
-        Self {
-            displacement,
-            variance,
-            signal: normal.signal(step),
-            covariance: normal.unit_covariance(step).map(|entry| entry * variance),
-            gain: step.gain,
-        }
-    }
-}
-
-/// Lighting models within "gain_offset", the simplest first, and how much more than the full one they may leave: the
-/// 90 % quantile of chi squared for the 4, 3 and 2 unknowns that they lack.
-const SIMPLER: [(Illumination, f64); 3] = [
-    (Illumination::None, 7.78),
-    (Illumination::Offset, 6.25),
-    (Illumination::GainOffset, 4.61),
-];
-
-/// The last step again under the simplest lighting model that the window does not speak against: an unknown that is
-/// not there costs accuracy.
-fn simplest(
-    template: &Template,
-    illumination: Illumination,
-    sums: &Sums,
-    full: (Normal, Step),
-) -> (Normal, Step) {
-    if illumination != Illumination::GainOffset {
-        return full;
-    }
-    let unit = full.0.noise(&full.1);
-    for (model, limit) in SIMPLER {
-        if let Some(normal) = Normal::new(template, model, false) {
-            let step = normal.step(sums);
-            if step.left - full.1.left <= limit * unit {
-                return (normal, step);
-            }
-        }
-    }
-    full
-}
-
 /// The window of coarse levels, which only lead to the finest: about two thirds of it, and even, so that it and the
 /// pixels on both sides fill whole lanes.
 fn coarse_window(window: Window) -> Window {
@@ -440,6 +353,6 @@ impl Problem<'_> {
     }
 }
 
-fn inside(plane: &Plane, [x, y]: [f32; 2]) -> bool {
+pub(super) fn inside(plane: &Plane, [x, y]: [f32; 2]) -> bool {
     x >= 0.0 && y >= 0.0 && x <= plane.width() as f32 - 1.0 && y <= plane.height() as f32 - 1.0
 }

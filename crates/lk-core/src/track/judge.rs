@@ -1,0 +1,146 @@
+//! Whether what was found is to be believed, and how uncertain it is.
+
+use crate::illumination::Illumination;
+use crate::track::normal::{GAIN_RANGE, Light, Normal, Step};
+use crate::track::options::{PointStatus, TrackedPoint};
+use crate::track::patch::Template;
+use crate::track::solve::{Problem, Rest, Workspace, inside};
+
+/// Variance left in the difference, as a share of the window's own, beyond which two windows do not match.
+const MAX_UNEXPLAINED: f64 = 0.25;
+
+/// How exactly the way back is measured, as a share of what it may miss by.
+const RETURN_SHARE: f64 = 0.1;
+
+/// Standard deviation of a position, in pixels along its worst direction, beyond which a window has no texture.
+const MAX_DEVIATION: f64 = 0.5;
+
+/// A displacement that was found, and how well it fits.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fit {
+    pub(super) displacement: [f64; 2],
+    /// Mean square difference that is left, in square grey levels.
+    variance: f64,
+    /// Variance of the window in `prev`, times the gain squared.
+    signal: f64,
+    /// Covariance of the displacement for that variance: xx, xy, yy.
+    covariance: [f64; 3],
+    gain: f64,
+}
+
+/// Lighting models within "gain_offset", the simplest first, and how much more than the full one they may leave: the
+/// 90 % quantile of chi squared for the unknowns that they lack.
+const SIMPLER: [(Light, f64); 4] = [
+    (Light::STEADY, 7.78),
+    (Light::OFFSET, 6.25),
+    (Light::GAIN_OFFSET, 4.61),
+    (Light::TILTED_OFFSET, 2.71),
+];
+
+impl Problem<'_> {
+    /// The fit after the last step, under the simplest lighting model that the window does not speak against: an
+    /// unknown that is not there costs accuracy.
+    pub(super) fn settle(&self, rest: &Rest, template: &Template) -> Fit {
+        if self.options.illumination == Illumination::GainOffset {
+            let unit = rest.normal.noise(&rest.step);
+            for (light, limit) in SIMPLER {
+                if let Some(normal) = Normal::new(template, light) {
+                    let step = normal.step(&rest.sums);
+                    if step.left - rest.step.left <= limit * unit {
+                        return Fit::new(&normal, &step, rest.after(&step));
+                    }
+                }
+            }
+        }
+        Fit::new(&rest.normal, &rest.step, rest.after(&rest.step))
+    }
+
+    /// Judge what was found for `point` from the displacement `guess` on the level `top`.
+    pub(super) fn conclude(
+        &self,
+        point: [f32; 2],
+        guess: [f64; 2],
+        top: usize,
+        fit: &Fit,
+        workspace: &mut Workspace,
+    ) -> TrackedPoint {
+        let position = [
+            (f64::from(point[0]) + fit.displacement[0]) as f32,
+            (f64::from(point[1]) + fit.displacement[1]) as f32,
+        ];
+        if let Err(status) = self.judge(fit, position) {
+            return TrackedPoint {
+                residual: fit.variance.sqrt() as f32,
+                ..TrackedPoint::lost(status)
+            };
+        }
+        let mut forward_backward = f32::NAN;
+        if let Some(limit) = self.options.max_forward_backward {
+            let back = self.follow(
+                self.backward(),
+                position,
+                guess.map(|component| -component),
+                top,
+                RETURN_SHARE * f64::from(limit),
+                workspace,
+            );
+            if let Ok(back) = back {
+                let back = back.after(&back.step);
+                let dx = fit.displacement[0] + back[0];
+                let dy = fit.displacement[1] + back[1];
+                forward_backward = dx.hypot(dy) as f32;
+            }
+            // Also where nothing came back, and the distance is NaN.
+            if forward_backward.is_nan() || forward_backward > limit {
+                return TrackedPoint {
+                    residual: fit.variance.sqrt() as f32,
+                    forward_backward,
+                    ..TrackedPoint::lost(PointStatus::ForwardBackward)
+                };
+            }
+        }
+        TrackedPoint {
+            position,
+            status: PointStatus::Tracked,
+            residual: fit.variance.sqrt() as f32,
+            covariance: fit.covariance.map(|value| value as f32),
+            forward_backward,
+        }
+    }
+
+    fn judge(&self, fit: &Fit, position: [f32; 2]) -> Result<(), PointStatus> {
+        if !inside(&self.next[0], position) {
+            return Err(PointStatus::OutOfFrame);
+        }
+        if let Some(longest) = self.options.max_displacement
+            && fit.displacement[0].hypot(fit.displacement[1]) > f64::from(longest)
+        {
+            return Err(PointStatus::NotConverged);
+        }
+        if fit.variance > MAX_UNEXPLAINED * fit.signal
+            || fit.gain < GAIN_RANGE.0
+            || fit.gain > GAIN_RANGE.1
+        {
+            return Err(PointStatus::HighResidual);
+        }
+        let [xx, xy, yy] = fit.covariance;
+        let worst = 0.5 * (xx + yy) + (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
+        if worst > MAX_DEVIATION * MAX_DEVIATION {
+            return Err(PointStatus::LowTexture);
+        }
+        Ok(())
+    }
+}
+
+impl Fit {
+    fn new(normal: &Normal, step: &Step, displacement: [f64; 2]) -> Self {
+        let variance = normal.variance(step);
+        Self {
+            displacement,
+            variance,
+            signal: normal.signal(step),
+            covariance: normal.unit_covariance(step).map(|entry| entry * variance),
+            gain: step.gain,
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! The window of one point: its template in `prev`, and one comparison of it with `next`.
+//!
+//! A window is sampled at one sub-pixel offset for all its pixels, so sampling is a separable filter with constant
+//! weights and needs no gathers. Rows are padded to whole lanes; what stands in the padding has no weight.
+//!
+//! The lighting model costs no pass over the pixels: what it explains is taken out of the sums, in
+//! [`super::normal::Normal`].
+
+mod compare;
+mod region;
+mod sampling;
+mod template;
+
+use crate::simd::{EIGHT, Eight, Packed};
+
+pub(crate) use compare::{AbsoluteDifference, Compare, Sums};
+pub(crate) use region::BorderScratch;
+pub(crate) use sampling::Sampling;
+pub(crate) use template::{BuildTemplate, Template};
+
+/// The largest window, in pixels a side.
+pub(crate) const MAX_WINDOW: usize = 63;
+
+/// Pixels around the window that the finest level takes in too.
+const RIM: usize = 1;
+
+/// The longest side of what is compared.
+const MAX_SIDE: usize = MAX_WINDOW + 2 * RIM;
+
+/// The size of a window, in pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Window {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+}
+
+impl Window {
+    /// From the centre to the first pixel, along x and y.
+    #[inline(always)]
+    pub(crate) fn half(self) -> [f32; 2] {
+        [
+            (self.width as f32 - 1.0) * 0.5,
+            (self.height as f32 - 1.0) * 0.5,
+        ]
+    }
+
+    #[inline(always)]
+    pub(super) fn blocks(self) -> usize {
+        self.width.div_ceil(EIGHT)
+    }
+
+    /// With the pixels around it that its gradients look at anyway.
+    pub(crate) fn with_rim(self) -> Self {
+        Self {
+            width: self.width + 2 * RIM,
+            height: self.height + 2 * RIM,
+        }
+    }
+
+    /// Pixels.
+    #[inline(always)]
+    pub(crate) fn area(self) -> f64 {
+        (self.width * self.height) as f64
+    }
+
+    /// Sums over the window of x^2 and y^2, from its centre.
+    #[inline(always)]
+    pub(crate) fn moments(self) -> [f64; 2] {
+        let (width, height) = (self.width as f64, self.height as f64);
+        let twelfth = width * height / 12.0;
+        [
+            twelfth * (width * width - 1.0),
+            twelfth * (height * height - 1.0),
+        ]
+    }
+
+    /// The x coordinates of a block of lanes, from the window's centre.
+    #[inline(always)]
+    pub(super) fn block_x<L: Eight>(self, block: usize) -> L {
+        L::splat((block * EIGHT) as f32 - self.half()[0]) + L::unpack(&Packed::STEPS)
+    }
+}

@@ -1,0 +1,84 @@
+//! Grey levels between pixels: separable filters with the same weights for every pixel of a window.
+
+use super::region::Region;
+use crate::simd::{EIGHT, Eight};
+
+/// Taps of the cubic B-spline, and the pixels that it reaches before a position.
+pub(super) const SPLINE_TAPS: usize = 4;
+pub(super) const SPLINE_BEFORE: isize = 1;
+
+/// How grey levels between pixels are had.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sampling {
+    /// Linearly, the template too, with Scharr's gradients: as Bouguet's and OpenCV's trackers have it.
+    Bouguet,
+    /// Linearly, and the template at whole pixels: cheap, but it blurs more the further the offset is from a pixel.
+    Linear,
+    /// By the cubic B-spline without its prefilter: it smooths alike at every offset, so that the offset leaves no
+    /// bias.
+    Spline,
+}
+
+/// The weights of the four pixels around a position `f` after the second of them.
+#[inline(always)]
+pub(super) fn spline_weights<L: Eight>(f: f32) -> [L; SPLINE_TAPS] {
+    let g = 1.0 - f;
+    let sixth = 1.0 / 6.0;
+    [
+        L::splat(g * g * g * sixth),
+        L::splat((f * f * (3.0 * f - 6.0) + 4.0) * sixth),
+        L::splat((g * g * (3.0 * g - 6.0) + 4.0) * sixth),
+        L::splat(f * f * f * sixth),
+    ]
+}
+
+/// Eight columns of a region, filtered by the spline row by row from the top.
+pub(super) struct Spline<'a, L> {
+    region: Region<'a>,
+    column: usize,
+    /// The rows above the newest, filtered along x, the newest last.
+    rows: [L; SPLINE_TAPS - 1],
+}
+
+impl<'a, L: Eight> Spline<'a, L> {
+    #[inline(always)]
+    pub(super) fn new(region: Region<'a>, column: usize, wx: &[L; SPLINE_TAPS]) -> Self {
+        Self {
+            region,
+            column,
+            rows: [
+                Self::across(region, 0, column, wx),
+                Self::across(region, 1, column, wx),
+                Self::across(region, 2, column, wx),
+            ],
+        }
+    }
+
+    #[inline(always)]
+    fn across(region: Region<'a>, row: usize, column: usize, w: &[L; SPLINE_TAPS]) -> L {
+        let row: &[f32; EIGHT + SPLINE_TAPS - 1] = region.reach(row, column);
+        (L::load(row, 1) * w[1] + L::load(row, 2) * w[2])
+            + (L::load(row, 0) * w[0] + L::load(row, 3) * w[3])
+    }
+
+    /// The samples of `row`; rows come in order.
+    #[inline(always)]
+    pub(super) fn sample(&mut self, row: usize, wx: &[L; SPLINE_TAPS], wy: &[L; SPLINE_TAPS]) -> L {
+        let [a, b, c] = self.rows;
+        let newest = Self::across(self.region, row + 3, self.column, wx);
+        self.rows = [b, c, newest];
+        (b * wy[1] + c * wy[2]) + (a * wy[0] + newest * wy[3])
+    }
+}
+
+/// The weights of the two pixels around a position `f` after the first.
+#[inline(always)]
+pub(super) fn pair<L: Eight>(f: f32) -> [L; 2] {
+    [L::splat(1.0 - f), L::splat(f)]
+}
+
+/// One row of linear interpolation along x.
+#[inline(always)]
+pub(super) fn linear<L: Eight>(row: &[f32; EIGHT + 1], wx: &[L; 2]) -> L {
+    L::load(row, 0) * wx[0] + L::load(row, 1) * wx[1]
+}
