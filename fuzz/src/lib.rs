@@ -1,0 +1,28 @@
+//! What the fuzz targets check: the fast code against plain f64 where there is a definition to compare with, and else
+//! the properties that hold for any frames: same bits for every thread count, CPU level and memory layout; an answer or
+//! NaN with a reason; exactly zero between equal frames; near the truth where the frames are a scene that moved.
+//!
+//! Each target is a `Case` and a function `check` that panics at a fault; `tests/seeded.rs` runs the same over random
+//! bytes on a stable toolchain.
+
+pub mod corners;
+pub mod dense;
+pub mod frames;
+pub mod pyramid;
+pub mod shift;
+pub mod track;
+
+use lk_core::{Execution, Level};
+
+/// One thread and the plainest instructions: what every other way to run is held to.
+fn plain() -> Execution {
+    Execution::default().threads(1).level(Level::Baseline)
+}
+
+/// Other ways to run: every CPU level, and more threads than this machine may have.
+fn others() -> impl Iterator<Item = Execution> {
+    let levels = Level::available().into_iter();
+    levels
+        .zip([1, 2, 7].into_iter().cycle())
+        .map(|(level, threads)| Execution::default().threads(threads).level(level))
+}

@@ -1,0 +1,145 @@
+//! `estimate_shift`.
+
+use arbitrary::Arbitrary;
+use lk_core::{Execution, Illumination, Roi, Shift, ShiftOptions, estimate_shift};
+
+use crate::frames::{Depth, Frames, Grey, mask};
+use crate::{others, plain};
+
+/// Frames and options.
+#[derive(Debug, Arbitrary)]
+pub struct Case {
+    frames: Frames,
+    roi: Option<[u8; 4]>,
+    mask: Option<u16>,
+    illumination: u8,
+    max_displacement: Option<f32>,
+}
+
+/// An answer further from the truth than this is a lie if it is called valid.
+const FARTHEST_PX: f64 = 0.5;
+
+/// Panic if something is wrong with this case.
+pub fn check(case: &Case) {
+    match case.frames.depth {
+        Depth::Byte => check_as::<u8>(case),
+        Depth::Deep => check_as::<u16>(case),
+        Depth::Float => check_as::<f32>(case),
+    }
+}
+
+fn check_as<T: Grey>(case: &Case) {
+    let (prev, next) = case.frames.pair::<T>();
+    let (height, width) = case.frames.size();
+    let mask = mask((height, width), case.mask);
+    let options = |execution: Execution| {
+        let mut options = ShiftOptions::default()
+            .illumination(light(case.illumination))
+            .execution(execution);
+        if let Some([x, y, width, height]) = case.roi.map(|sides| sides.map(usize::from)) {
+            options = options.roi(Roi {
+                x,
+                y,
+                width,
+                height,
+            });
+        }
+        if let Some(pixels) = case.max_displacement {
+            options = options.max_displacement(f64::from(pixels));
+        }
+        options
+    };
+    let run = |execution| {
+        estimate_shift(
+            prev.view(),
+            next.view(),
+            mask.as_ref().map(|mask| mask.view()),
+            &options(execution),
+        )
+    };
+    let allowed = options(plain()).validate(height, width).is_ok();
+    let shift = run(plain());
+    assert_eq!(shift.is_ok(), allowed, "{shift:?}");
+    let Ok(shift) = shift else { return };
+    meaning(&shift);
+    for execution in others() {
+        assert_eq!(bits(&run(execution).unwrap()), bits(&shift));
+    }
+    let (rows_prev, rows_next) = (prev.rows(), next.rows());
+    let rows = estimate_shift(
+        rows_prev.view(),
+        rows_next.view(),
+        mask.as_ref().map(|mask| mask.view()),
+        &options(plain()),
+    );
+    assert_eq!(bits(&rows.unwrap()), bits(&shift));
+    if case.frames.still() && shift.is_valid() {
+        assert_eq!((shift.dx, shift.dy), (0.0, 0.0));
+    }
+    if let Some(limit) = case.max_displacement
+        && shift.is_valid()
+    {
+        // The search is bounded, and the iteration after it may end a pixel further.
+        assert!(
+            shift.dx.abs().max(shift.dy.abs()) <= f64::from(limit) + 1.0,
+            "{shift:?}"
+        );
+    }
+    if let Some([dx, dy]) = case.frames.truth()
+        && light(case.illumination) == Illumination::GainOffset
+        && shift.is_valid()
+    {
+        assert!(
+            (shift.dx - dx).hypot(shift.dy - dy) < FARTHEST_PX,
+            "{shift:?}, true ({dx}, {dy})"
+        );
+    }
+}
+
+pub(crate) fn light(number: u8) -> Illumination {
+    [
+        Illumination::GainOffset,
+        Illumination::Offset,
+        Illumination::None,
+    ][usize::from(number) % 3]
+}
+
+/// An answer is whole, or it is NaN with infinite variance.
+fn meaning(shift: &Shift) {
+    let [[xx, xy], [yx, yy]] = shift.covariance;
+    let numbers = [shift.dx, shift.dy, shift.gain, shift.offset, shift.residual];
+    if shift.is_valid() {
+        assert!(
+            numbers
+                .iter()
+                .chain([&xx, &xy, &yx, &yy])
+                .all(|value| value.is_finite()),
+            "{shift:?}"
+        );
+        assert!(
+            xy == yx && xx >= 0.0 && yy >= 0.0 && xx * yy >= xy * xy * (1.0 - 1e-9),
+            "{shift:?}"
+        );
+    } else {
+        assert!(shift.dx.is_nan() && shift.dy.is_nan(), "{shift:?}");
+        assert!(xx == f64::INFINITY && yy == f64::INFINITY, "{shift:?}");
+    }
+}
+
+fn bits(shift: &Shift) -> Vec<u64> {
+    let [[xx, xy], [yx, yy]] = shift.covariance;
+    let numbers = [
+        shift.dx,
+        shift.dy,
+        shift.gain,
+        shift.offset,
+        shift.residual,
+        xx,
+        xy,
+        yx,
+        yy,
+    ];
+    let mut bits = numbers.map(f64::to_bits).to_vec();
+    bits.push(shift.status as u64);
+    bits
+}
