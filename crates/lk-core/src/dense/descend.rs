@@ -67,6 +67,10 @@ impl Memory {
             None => coarsest,
         };
         let plane = &pyramid.levels()[level];
+        // What went further than the frame reaches is not in it; NaN is not within either.
+        let reach = pyramid.levels()[0]
+            .width()
+            .max(pyramid.levels()[0].height()) as f32;
         for (axis, grid) in self.flow.iter_mut().enumerate() {
             grid.resize(plane.width(), plane.height());
             grid.fill(0.0);
@@ -78,7 +82,7 @@ impl Memory {
                 let row = grid.padded_mut(y);
                 for x in 0..plane.width() {
                     let value = initial[(y * scale, x * scale, axis)];
-                    row[grid::PAD + x] = if value.is_finite() {
+                    row[grid::PAD + x] = if value.abs() <= reach {
                         value / scale as f32
                     } else {
                         0.0

@@ -257,7 +257,8 @@ impl DenseOptions {
 /// What a measurement may know besides its two frames.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct DenseHints<'a> {
-    /// A flow to start from, (height, width, 2) in pixels; where it is not finite it is taken as zero.
+    /// A flow to start from, (height, width, 2) in pixels; where it is not finite, or longer than the frame, it is taken
+    /// as zero.
     pub initial: Option<ArrayView3<'a, f32>>,
     /// (height, width): false at pixels of `prev` that count for nothing.
     pub mask: Option<ArrayView2<'a, bool>>,

@@ -334,6 +334,8 @@ fn an_initial_flow_leads_to_what_is_beyond_the_pyramid() {
     let mut initial = Array3::from_elem((120, 160, 2), 24.0f32);
     initial.slice_mut(s![.., .., 1]).fill(-17.0);
     initial[(0, 0, 0)] = f32::NAN;
+    initial[(4, 8, 1)] = -1e12;
+    initial[(0, 8, 0)] = f32::INFINITY;
     let hints = DenseHints {
         initial: Some(initial.view()),
         ..DenseHints::default()
@@ -341,6 +343,7 @@ fn an_initial_flow_leads_to_what_is_beyond_the_pyramid() {
     let field = dense_flow(prev.view(), next.view(), hints, &DenseOptions::default()).unwrap();
     let at = 2 * (70 * 160 + 60);
     assert!((field.uv()[at] - 25.0).hypot(field.uv()[at + 1] + 18.0) < 0.1);
+    assert!(field.uv().iter().all(|value| value.abs() < 1e3));
 }
 
 #[test]
