@@ -1,4 +1,4 @@
-"""What speaks for motion at each pixel of the current frame: residual flow, picture differences, and cleaning.
+"""What speaks for motion at each pixel of the current frame: residual flow and picture differences.
 
 Plain functions over arrays, so that each can be tested alone; `rsflow.segmentation` puts them together.
 """
@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import _regions as regions
 from ._background import warped
-from ._light import fit_light, relit
+from ._light import fit_light, light_between
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -126,14 +127,19 @@ def box(image: F32, window: int) -> F32:
     return out
 
 
-def chi_squared(residual: F32, gx: F32, gy: F32, noise: float, model_sigma: float, at: Any) -> F32:
+def structure_tensor(gx: F32, gy: F32) -> tuple[F32, F32, F32]:
+    """Mean of the products of the gradients over a window: xx, xy, yy."""
+    return box(gx * gx, _TENSOR_WINDOW), box(gx * gy, _TENSOR_WINDOW), box(gy * gy, _TENSOR_WINDOW)
+
+
+def chi_squared(residual: F32, tensor: tuple[F32, F32, F32], noise: float, model_sigma: float, at: Any) -> F32:
     """Squared length of the residual motion in standard deviations of its own covariance, at an index of pixels.
 
     The covariance is that of a least-squares displacement, 2 noise^2 G^-1 with the structure tensor G of a window,
     plus the model's own: where the picture has no texture it is large, and no motion is significant.
     """
     count = _TENSOR_WINDOW**2
-    xx, xy, yy = (box(a * b, _TENSOR_WINDOW)[at] * count for a, b in ((gx, gx), (gx, gy), (gy, gy)))
+    xx, xy, yy = (part[at] * count for part in tensor)
     # Noise in the gradients looks like texture: half differences have half the variance of a pixel.
     bias = np.float32(count * noise**2 / 2)
     information = 1 / np.float32(2 * noise**2)
@@ -253,12 +259,13 @@ def by_flow(
     still = known & ~kept
     gain, offset = fit_light(stood, current, still)
     spread = noise_of(current - (stood * np.float32(gain) + np.float32(offset)), still)
-    by_rest = current - relit(stood, current, still, spread)
+    light = light_between(stood, current, still, spread, (gain, offset))
+    by_rest = current - light.on(stood)
     # Two frames differ by the noise of both, and rounding is part of it.
     spread = max(min(noise_of(by_rest, still), most_spread), np.sqrt(2) * rounding)
     square = box(by_rest * by_rest, _DIFFERENCE_WINDOW)
     usual = spread**2 if variance is None else np.maximum(variance, np.float32(2 * rounding**2))
-    by_motion = current - relit(moved, current, known, spread)
+    by_motion = current - light.on(moved)
     gx, gy = gradient(current)
     slope = gx * gx + gy * gy
     rest, motion = mismatch(by_rest, slope, usual), mismatch(by_motion, slope, usual)
@@ -269,15 +276,16 @@ def by_flow(
     # Near the edge of a thing its flow reaches over the surroundings: there rest explains the picture as well.
     may &= rest > np.where(kept, 0.9 * motion, 1.3 * motion + 0.7)
     noise = spread / np.sqrt(2)
-    sample = chi_squared(residual, gx, gy, noise, model_sigma, np.s_[::4, ::4])[known[::4, ::4]]
-    chi2 = chi_squared(residual, gx, gy, noise, model_sigma, may)
+    tensor = structure_tensor(gx, gy)
+    sample = chi_squared(residual, tensor, noise, model_sigma, np.s_[::4, ::4])[known[::4, ::4]]
+    chi2 = chi_squared(residual, tensor, noise, model_sigma, may)
     threshold = significant(chi2, sample, 16)
     seeds, weak = np.zeros_like(may), np.zeros_like(may)
     weak[may] = chi2 > threshold / 3
     seeds[may] = (chi2 > threshold) & (rest[may] > _STRONG_MISMATCH)
     changed = known & (rest > _CHANGED) & ~explained_by_light(stood, current, spread)
     # A thing goes on where its flow does not explain the picture, as on legs, but rest does not either.
-    moving = filled_hulls((weak | changed) & outstanding(by_rest), smooth, seeds)
+    moving = regions.filled_hulls((weak | changed) & outstanding(by_rest), smooth, seeds)
     return FlowEvidence(moving, changed, float(spread), slope, square)
 
 
@@ -299,53 +307,3 @@ def explained_by_light(reference: F32, image: F32, noise: float) -> Mask:
     lit = textured & same & (mean_b > 0.4 * mean_a) & (mean_b < 2.5 * mean_a)
     out: Mask = cv2.resize(lit.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST).view(bool)
     return out
-
-
-def grown(weak: Mask, seeds: Mask) -> Mask:
-    """Keep the connected regions of `weak` that have a seed in them."""
-    import cv2
-
-    count, labels = cv2.connectedComponents((weak | seeds).view(np.uint8), connectivity=8)
-    hit = np.zeros(count, bool)
-    hit[np.unique(labels[seeds])] = True
-    hit[0] = False
-    out: Mask = hit[labels]
-    return out
-
-
-def filled_hulls(certain: Mask, possible: Mask, seeds: Mask) -> Mask:
-    """Grow seeds over certain and possible pixels, the latter only within the convex hull of the certain ones."""
-    import cv2
-
-    both = certain | seeds | possible
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(both.view(np.uint8), connectivity=8)
-    hit = np.zeros(count, bool)
-    hit[np.unique(labels[seeds])] = True
-    hit[0] = False
-    out: Mask = (certain | seeds) & hit[labels]
-    for label in np.nonzero(hit)[0]:
-        left, top, width, height, _ = stats[label]
-        box = np.s_[top : top + height, left : left + width]
-        here = labels[box] == label
-        rows, columns = np.nonzero(here & out[box])
-        hull = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32))
-        inside = cv2.fillConvexPoly(np.zeros((height, width), np.uint8), hull, 1).astype(bool)
-        out[box] |= here & inside
-    return out
-
-
-def cleaned(mask: Mask, size: int, min_area: int) -> Mask:
-    """Close gaps of up to `size` pixels, fill holes, and take away regions of fewer than `min_area` pixels."""
-    import cv2
-
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    padded = cv2.copyMakeBorder(mask.view(np.uint8), size, size, size, size, cv2.BORDER_CONSTANT, value=0)
-    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
-    closed = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    filled = np.zeros_like(closed)
-    kept = [contour for contour in contours if cv2.contourArea(contour) + len(contour) / 2 >= min_area]
-    if kept:
-        cv2.drawContours(filled, kept, -1, 1, cv2.FILLED)
-    inside: Mask = filled[size:-size, size:-size].astype(bool)
-    return inside

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ._regions import pixels
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -49,6 +51,8 @@ class Reduction:
 
     def all(self, mask: Mask) -> Mask:
         """Reduce a mask: where it holds for every pixel."""
+        if mask.all():
+            return np.ones((self.size[1], self.size[0]), bool)
         return self.image(mask.astype(np.float32)) > 0.999
 
     def any(self, mask: Mask) -> Mask:
@@ -92,7 +96,7 @@ class Reduction:
     def enlarged_motion(self, motion: F32, where: Mask) -> F32:
         """Enlarge a motion, in the full frame's pixels, at the pixels of a mask; NaN elsewhere."""
         out = np.full((*self.full, 2), np.nan, np.float32)
-        rows, columns = np.nonzero(where)
+        rows, columns = pixels(where)
         limit = (motion.shape[0] - 1, motion.shape[1] - 1)
         near = (np.minimum(rows // self.factor, limit[0]), np.minimum(columns // self.factor, limit[1]))
         out[rows, columns] = motion[near] * np.float32(self.factor)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 import numpy as np
 
 from ._files import writing
+from ._regions import labelled
 from .errors import OptionError, ShapeError
 
 if TYPE_CHECKING:
@@ -153,14 +154,12 @@ class ObjectTracker:
         ShapeError
             If the sizes do not fit together.
         """
-        import cv2
-
         mask = np.ascontiguousarray(mask, dtype=bool)
         if mask.ndim != 2 or (motion is not None and motion.shape != (*mask.shape, 2)):
             found = None if motion is None else motion.shape
             raise ShapeError(f"mask must be (height, width) and motion (height, width, 2), got {mask.shape}, {found}")
-        _, labels, stats, centres = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=8)
-        regions = [label for label in range(1, len(stats)) if stats[label, cv2.CC_STAT_AREA] >= self.min_area]
+        _, labels, stats, centres = labelled(mask)
+        regions = [label for label in range(1, len(stats)) if stats[label, 4] >= self.min_area]
         numbers = np.zeros(len(stats), np.int32)
         places = self._associate(labels, stats, regions, camera_motion)
         out, tracks = [], []
@@ -184,7 +183,7 @@ class ObjectTracker:
                 track.missed += 1
                 tracks.append(track)
         self._tracks = tracks
-        self.labels = numbers[labels]
+        self.labels = np.take(numbers, labels)
         return tuple(sorted(out, key=lambda thing: thing.id))
 
     def _predicted(self, track: _Track, camera_motion: NDArray[np.float64] | None) -> tuple[int, int]:

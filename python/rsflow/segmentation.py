@@ -15,6 +15,7 @@ import numpy as np
 
 from . import _camera_motion, _drawing
 from . import _motion_evidence as evidence
+from . import _regions as regions
 from ._background import Background, warped
 from ._light import fit_light, relit
 from ._reduction import Reduction
@@ -147,11 +148,9 @@ class MotionSegmentation:
         ShapeError
             If the picture is not of the frame's size.
         """
-        import cv2
-
         out = self._canvas(picture)
         # Only what is replaced is looked at: most of a picture stands still.
-        rows, columns = np.nonzero(cv2.dilate(self.moving.view(np.uint8), np.ones((5, 5), np.uint8)))
+        rows, columns = regions.pixels(regions.dilated(self.moving, 5))
         behind = self.background[rows, columns]
         low, high = (0.0, 255.0) if self.image.dtype == np.uint8 else _drawing.display_range(self.image)
         filled = np.clip((np.nan_to_num(behind) - low) * (255.0 / max(high - low, 1e-6)), 0, 255)
@@ -274,7 +273,9 @@ class MotionSegmenter:
             raise ShapeError(f"a frame must be grey, (height, width), got {image.shape}")
         if image.dtype not in (np.uint8, np.uint16, np.float32):
             raise DTypeError(f"a frame must be uint8, uint16 or float32, got {image.dtype}")
-        current = np.nan_to_num(image.astype(np.float32))
+        current = image.astype(np.float32)
+        if image.dtype == np.float32:
+            current = np.nan_to_num(current)
         self._rounding = _ROUNDING if image.dtype != np.float32 else max(1e-3 * float(np.ptp(current)), 1e-9)
         if self._previous is not None and current.shape != self._previous.shape:
             raise ShapeError(f"the frame is {current.shape}, the one before was {self._previous.shape}")
@@ -345,11 +346,11 @@ class MotionSegmenter:
         self._spread = found.spread
         mask = self._outlined(work, found, kept, small) if self.static_camera else found.moving
         size = max(3, round(min(mask.shape) / 80)) | 1
-        mask = small.enlarged(evidence.cleaned(mask, size, max(1, self._tracker.min_area // small.factor**2)))
+        mask = small.enlarged(regions.cleaned(mask, size, max(1, self._tracker.min_area // small.factor**2)))
         residual[~known] = np.nan
         objects = self._tracker.update(mask, small.enlarged_motion(residual, mask & trusted), homography)
         self._moving = self._tracker.labels > 0
-        away = _dilated(self._moving, size)
+        away = regions.dilated(self._moving, size)
         if self._background.kept == 1:
             self._background.amend_first(evidence.carried_back(away, uv, given))
         self._background.add(current, away)
@@ -380,7 +381,7 @@ class MotionSegmenter:
         if not known.any():
             return found.moving
         spread = found.spread
-        still = known & ~kept & ~_dilated(found.moving, 5)
+        still = known & ~kept & ~regions.dilated(found.moving, 5)
         filled = relit(np.where(known, background, current), current, still, spread)
         usual = spread**2 if self._variance is None else np.maximum(self._variance, np.float32(self._rounding**2))
         apart = evidence.mismatch(current - filled, found.slope, usual)
@@ -388,11 +389,11 @@ class MotionSegmenter:
         differs &= evidence.outstanding(current - filled)
         surely = differs & (apart > _STRONG_OUTLINE)
         self._heat = np.where(self._heat > 0, self._heat - 1, 0).astype(np.uint8)
-        warm = _dilated(self._heat > 0, 3)
+        warm = regions.dilated(self._heat > 0, 3)
         # What changed from frame to frame moved, also where it was too fast for its flow.
         moves = found.moving | found.changed
-        mask = evidence.grown(differs, surely & (moves | warm)) | (found.moving & ~known)
-        moved = evidence.grown(mask, mask & moves)
+        mask = regions.grown(differs, surely & (moves | warm)) | (found.moving & ~known)
+        moved = regions.grown(mask, mask & moves)
         self._heat[moved] = _MEMORY_FRAMES
         self._learn(found, mask)
         return mask
@@ -403,7 +404,7 @@ class MotionSegmenter:
         if self._variance is None:
             self._variance = np.maximum(square, np.float32(found.spread**2))
         else:
-            step = np.where(_dilated(mask, 5), np.float32(0), np.float32(_LEARNING_RATE))
+            step = np.where(regions.dilated(mask, 5), np.float32(0), np.float32(_LEARNING_RATE))
             self._variance += step * (square - self._variance)
 
     def _result(
@@ -442,10 +443,3 @@ def _evenly(tile: NDArray[np.intp]) -> NDArray[np.intp]:
         inside = np.nonzero(tile == number)[0]
         chosen.append(inside[:: -(-len(inside) // _VECTORS_A_TILE)])
     return np.concatenate(chosen) if chosen else np.zeros(0, np.intp)
-
-
-def _dilated(mask: Mask, size: int) -> Mask:
-    import cv2
-
-    out: Mask = cv2.dilate(mask.view(np.uint8), np.ones((size, size), np.uint8)).astype(bool)
-    return out

@@ -39,9 +39,10 @@ _CODECS: dict[str, tuple[tuple[str, ...], str]] = {
 }
 _SUFFIXES: dict[str, tuple[str, ...]] = {".mp4": ("h264", "vp9", "mp4v"), ".webm": ("vp9",)}
 
-# x264's constant quality: 18 is close to what the eye tells apart; "veryfast" keeps up with the estimators.
+# x264's constant quality, close to what the eye tells apart; of its presets "superfast" gives the same size and error
+# at this quality as "veryfast" at 18, in two thirds of the time.
 _OPTIONS: dict[str, dict[str, str]] = {
-    "libx264": {"preset": "veryfast", "crf": "18"},
+    "libx264": {"preset": "superfast", "crf": "20"},
     "libvpx-vp9": {"deadline": "realtime", "cpu-used": "8", "row-mt": "1", "crf": "24", "b": "0"},
 }
 # MPEG's clock: divides every common frame rate, and fine enough for any camera's timestamps.

@@ -64,7 +64,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     part.add_argument("--rate", type=float, metavar="HZ", help="frames per second, for pictures or slow motion")
     how = parser.add_argument_group("how to measure")
     how.add_argument(
-        "--preset", choices=("fast", "balanced", "accurate"), default="balanced", help="dense flow (default balanced)"
+        "--preset", choices=("fast", "balanced", "accurate"), default="fast", help="of the dense flow (default fast)"
     )
     how.add_argument(
         "--camera-motion",

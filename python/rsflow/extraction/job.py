@@ -34,7 +34,7 @@ def extract(
     stride: int = 1,
     roi: tuple[int, int, int, int] | None = None,
     frame_rate: float | None = None,
-    preset: Preset = "balanced",
+    preset: Preset = "fast",
     illumination: Illumination = "gain_offset",
     max_displacement: float | None = None,
     camera_motion: CameraMotion = "auto",
@@ -67,7 +67,8 @@ def extract(
     frame_rate : float, optional
         Frames per second, for pictures, which have no times, and for slow-motion clips.
     preset : {"fast", "balanced", "accurate"}
-        Of the dense flow.
+        Of the dense flow. Displacement and velocity do not depend on it; of what moves, "fast" gives as good outlines
+        as the others.
     illumination : {"gain_offset", "offset", "none"}
         Change of light that every estimator allows for.
     max_displacement : float, optional

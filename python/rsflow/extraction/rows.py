@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 __all__ = ["motion_row", "object_rows", "status_word"]
 
-# Up to this size the statistics of the flow are over every pixel, beyond over every second in each direction.
-_WHOLE_PIXELS = 100_000
+# The statistics of the flow are over about so many pixels, on a grid.
+_SAMPLES = 30_000
 
 
 def status_word(status: Any) -> str:
@@ -61,7 +61,7 @@ def _flow_columns(flow: Any) -> dict[str, float]:
         return dict.fromkeys((*names, "flow_valid_share"), math.nan)
     share = float(np.count_nonzero(flow.valid)) / max(flow.valid.size, 1)
     # Neighbours tell the same: statistics over a grid cost a fraction and differ by less than the flow's own error.
-    step = 2 if flow.valid.size > _WHOLE_PIXELS else 1
+    step = max(1, math.isqrt(flow.valid.size // _SAMPLES))
     uv = flow.uv[::step, ::step][flow.valid[::step, ::step]]
     if len(uv) == 0:
         return dict.fromkeys(names, math.nan) | {"flow_valid_share": share}

@@ -32,7 +32,7 @@ class ExtractSettings:
     stride: int = 1
     roi: tuple[int, int, int, int] | None = None
     frame_rate: float | None = None
-    preset: Preset = "balanced"
+    preset: Preset = "fast"
     illumination: Illumination = "gain_offset"
     max_displacement: float | None = None
     camera_motion: CameraMotion = "auto"
