@@ -184,6 +184,26 @@ def test_light_that_changes_in_place(kind, limit, seed):
     assert np.hypot(shift.dx - 2.3 + seed, shift.dy - 0.8 * seed) < limit
 
 
+@pytest.mark.parametrize("kind", ["none", "ramp", "spotlight", "hard shadow"])
+def test_the_range_of_grey_levels_does_not_matter(kind):
+    prev, nxt = pair(2.3, -1.4, noise=1.0)
+    nxt = nxt if kind == "none" else lit(nxt, kind)
+    prev, nxt = (np.clip(np.round(frame), 0, 255).astype(np.uint8) for frame in (prev, nxt))
+    want = estimate_shift(prev, nxt)
+    assert want.valid
+    for scale, convert in (
+        (257, lambda a: a.astype(np.uint16) * np.uint16(257)),
+        (1 / 255, lambda a: (a / 255).astype(np.float32)),
+        (1e-6, lambda a: (a * 1e-6).astype(np.float32)),
+    ):
+        found = estimate_shift(convert(prev), convert(nxt))
+        assert np.hypot(found.dx - want.dx, found.dy - want.dy) < 1e-4
+        assert found.gain == pytest.approx(want.gain, rel=1e-4)
+        assert found.offset == pytest.approx(scale * want.offset, rel=1e-3, abs=1e-3 * scale)
+        assert found.residual == pytest.approx(scale * want.residual, rel=1e-4)
+        np.testing.assert_allclose(found.covariance, want.covariance, rtol=1e-2, atol=1e-7)
+
+
 @pytest.mark.parametrize("sigma", [1.3, 4.0])
 @pytest.mark.parametrize("gain", [1.0, 0.7])
 def test_the_covariance_covers(sigma, gain):

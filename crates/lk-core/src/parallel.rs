@@ -91,6 +91,22 @@ fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
     Ok(built)
 }
 
+/// Run `work` on the pool of the execution's threads, if it has more than one: what is handed out on the way then finds
+/// its threads awake.
+///
+/// # Errors
+///
+/// [`Error::Threads`] if no pool could be started.
+pub(crate) fn on_pool<R: Send>(
+    execution: &Execution,
+    work: impl FnOnce() -> R + Send,
+) -> Result<R> {
+    match execution.num_threads() {
+        1 => Ok(work()),
+        threads => Ok(pool(threads)?.install(work)),
+    }
+}
+
 /// Outputs that can be divided at a row, so that each band owns its part.
 pub(crate) trait SplitRows: Sized + Send {
     /// The parts above and below `row`.

@@ -12,16 +12,26 @@ use rustfft::FftPlanner;
 use crate::error::{Error, Result};
 use crate::frame::Plane;
 
-/// The planners keep their plans; one set for each thread, so that nothing is locked when a process forks.
-struct Planners {
+/// Plans and buffers, kept from call to call; one set for each thread, so that nothing is locked when a process forks.
+struct Transforms {
     real: RealFftPlanner<f32>,
     complex: FftPlanner<f32>,
+    row: Vec<f32>,
+    half: Vec<Complex32>,
+    scratch: Vec<Complex32>,
+    prev: Vec<Complex32>,
+    next: Vec<Complex32>,
 }
 
 thread_local! {
-    static PLANNERS: RefCell<Planners> = RefCell::new(Planners {
+    static TRANSFORMS: RefCell<Transforms> = RefCell::new(Transforms {
         real: RealFftPlanner::new(),
         complex: FftPlanner::new(),
+        row: Vec::new(),
+        half: Vec::new(),
+        scratch: Vec::new(),
+        prev: Vec::new(),
+        next: Vec::new(),
     });
 }
 
@@ -58,26 +68,53 @@ pub(crate) fn phase_correlation(prev: &Plane, next: &Plane) -> Result<Plane> {
         ));
     }
     let mut surface = Plane::new(width, height);
+    let rows = |plane: &Plane, y: usize, row: &mut [f32]| {
+        row.copy_from_slice(plane.row(y));
+        true
+    };
+    correlate_rows(
+        |y, row| rows(prev, y, row),
+        |y, row| rows(next, y, row),
+        &mut surface,
+    )?;
+    Ok(surface)
+}
+
+/// [`phase_correlation`] of pictures that are given row by row, in the size of `surface`: each function writes row `y`,
+/// or says that it is zero.
+///
+/// # Errors
+///
+/// [`Error::Shape`] if the transform refuses the size.
+pub(crate) fn correlate_rows(
+    prev: impl FnMut(usize, &mut [f32]) -> bool,
+    next: impl FnMut(usize, &mut [f32]) -> bool,
+    surface: &mut Plane,
+) -> Result<()> {
+    let (width, height) = (surface.width(), surface.height());
     if width == 0 || height == 0 {
-        return Ok(surface);
+        return Ok(());
     }
-    PLANNERS.with_borrow_mut(|planners| {
-        let mut a = forward(planners, prev)?;
-        let b = forward(planners, next)?;
-        let mean = a
-            .iter()
-            .zip(&b)
-            .map(|(p, n)| f64::from((p.conj() * n).norm_sqr().sqrt()))
-            .sum::<f64>()
-            / a.len() as f64;
-        // A floor of one mean: frequencies below it are weighted by their power, those above count alike.
-        let floor = mean as f32 + f32::MIN_POSITIVE;
+    TRANSFORMS.with_borrow_mut(|transforms| {
+        let (mut a, mut b) = (
+            std::mem::take(&mut transforms.prev),
+            std::mem::take(&mut transforms.next),
+        );
+        transforms.forward(prev, [width, height], &mut a)?;
+        transforms.forward(next, [width, height], &mut b)?;
+        let mut sum = 0.0f64;
         for (p, n) in a.iter_mut().zip(&b) {
-            let cross = p.conj() * n;
-            *p = cross / (cross.norm_sqr().sqrt() + floor);
+            *p = p.conj() * n;
+            sum += f64::from(p.norm_sqr().sqrt());
         }
-        inverse(planners, a, &mut surface)?;
-        Ok(surface)
+        // A floor of one mean: frequencies below it are weighted by their power, those above count alike.
+        let floor = (sum / a.len() as f64) as f32 + f32::MIN_POSITIVE;
+        for p in &mut a {
+            *p /= p.norm_sqr().sqrt() + floor;
+        }
+        let found = transforms.inverse(&mut a, surface);
+        (transforms.prev, transforms.next) = (a, b);
+        found
     })
 }
 
@@ -89,59 +126,78 @@ fn failed(error: &dyn std::fmt::Display) -> Error {
     )
 }
 
-/// The spectrum, one row for each horizontal frequency.
-fn forward(planners: &mut Planners, plane: &Plane) -> Result<Vec<Complex32>> {
-    let (width, height) = (plane.width(), plane.height());
-    let bins = width / 2 + 1;
-    let rows = planners.real.plan_fft_forward(width);
-    let columns = planners.complex.plan_fft_forward(height);
-    let mut input = rows.make_input_vec();
-    let mut output = rows.make_output_vec();
-    let mut scratch = rows.make_scratch_vec();
-    let mut spectrum = vec![Complex32::default(); bins * height];
-    for y in 0..height {
-        input.copy_from_slice(plane.row(y));
-        rows.process_with_scratch(&mut input, &mut output, &mut scratch)
-            .map_err(|error| failed(&error))?;
-        for (x, value) in output.iter().enumerate() {
-            spectrum[x * height + y] = *value;
+impl Transforms {
+    /// The spectrum, one row for each horizontal frequency.
+    fn forward(
+        &mut self,
+        mut write: impl FnMut(usize, &mut [f32]) -> bool,
+        [width, height]: [usize; 2],
+        spectrum: &mut Vec<Complex32>,
+    ) -> Result<()> {
+        let rows = self.real.plan_fft_forward(width);
+        let columns = self.complex.plan_fft_forward(height);
+        self.buffers(
+            width,
+            rows.get_scratch_len(),
+            columns.get_inplace_scratch_len(),
+        );
+        spectrum.clear();
+        spectrum.resize((width / 2 + 1) * height, Complex32::default());
+        for y in 0..height {
+            if !write(y, &mut self.row) {
+                continue;
+            }
+            let scratch = &mut self.scratch[..rows.get_scratch_len()];
+            rows.process_with_scratch(&mut self.row, &mut self.half, scratch)
+                .map_err(|error| failed(&error))?;
+            for (column, value) in spectrum.chunks_exact_mut(height).zip(&self.half) {
+                column[y] = *value;
+            }
         }
+        columns.process_with_scratch(spectrum, &mut self.scratch);
+        Ok(())
     }
-    columns.process(&mut spectrum);
-    Ok(spectrum)
-}
 
-fn inverse(
-    planners: &mut Planners,
-    mut spectrum: Vec<Complex32>,
-    surface: &mut Plane,
-) -> Result<()> {
-    let (width, height) = (surface.width(), surface.height());
-    let columns = planners.complex.plan_fft_inverse(height);
-    let rows = planners.real.plan_fft_inverse(width);
-    columns.process(&mut spectrum);
-    let mut input = rows.make_input_vec();
-    let mut scratch = rows.make_scratch_vec();
-    let scale = 1.0 / (width * height) as f32;
-    for y in 0..height {
-        for (x, value) in input.iter_mut().enumerate() {
-            *value = spectrum[x * height + y];
+    fn inverse(&mut self, spectrum: &mut [Complex32], surface: &mut Plane) -> Result<()> {
+        let (width, height) = (surface.width(), surface.height());
+        let columns = self.complex.plan_fft_inverse(height);
+        let rows = self.real.plan_fft_inverse(width);
+        self.buffers(
+            width,
+            rows.get_scratch_len(),
+            columns.get_inplace_scratch_len(),
+        );
+        columns.process_with_scratch(spectrum, &mut self.scratch);
+        let scale = 1.0 / (width * height) as f32;
+        for y in 0..height {
+            for (value, column) in self.half.iter_mut().zip(spectrum.chunks_exact(height)) {
+                *value = column[y];
+            }
+            // The first bin of a real row is real, and so is the last of an even one; rounding may have left dust.
+            self.half[0].im = 0.0;
+            if width.is_multiple_of(2)
+                && let Some(last) = self.half.last_mut()
+            {
+                last.im = 0.0;
+            }
+            let row = surface.row_mut(y);
+            let scratch = &mut self.scratch[..rows.get_scratch_len()];
+            rows.process_with_scratch(&mut self.half, row, scratch)
+                .map_err(|error| failed(&error))?;
+            for value in row {
+                *value *= scale;
+            }
         }
-        // The first bin of a real row is real, and so is the last of an even one; rounding may have left dust.
-        input[0].im = 0.0;
-        if width.is_multiple_of(2)
-            && let Some(last) = input.last_mut()
-        {
-            last.im = 0.0;
-        }
-        let row = surface.row_mut(y);
-        rows.process_with_scratch(&mut input, row, &mut scratch)
-            .map_err(|error| failed(&error))?;
-        for value in row {
-            *value *= scale;
-        }
+        Ok(())
     }
-    Ok(())
+
+    /// Give the buffers the lengths of these transforms.
+    fn buffers(&mut self, width: usize, row_scratch: usize, column_scratch: usize) {
+        self.row.resize(width, 0.0);
+        self.half.resize(width / 2 + 1, Complex32::default());
+        self.scratch
+            .resize(row_scratch.max(column_scratch), Complex32::default());
+    }
 }
 
 #[cfg(test)]

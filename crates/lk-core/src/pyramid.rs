@@ -56,15 +56,22 @@ impl Pyramid {
         if levels == 0 {
             return Err(Error::option("levels", 0, "1 or more"));
         }
-        let (mut height, mut width) = frame.dim();
+        let (height, width) = frame.dim();
+        self.resize([width, height], levels);
+        self.levels[0].copy_scaled(frame, scale, execution)?;
+        self.reduce_again(execution)
+    }
+
+    /// Make room for a frame of `size` (columns, rows) with at most `levels` levels; what they hold is unspecified.
+    pub(crate) fn resize(&mut self, size: [usize; 2], levels: usize) {
+        let [mut width, mut height] = size;
         let mut count = 1;
         while count < levels && height > 1 && width > 1 {
             (height, width) = (height.div_ceil(2), width.div_ceil(2));
             count += 1;
         }
         self.levels.resize_with(count, Plane::default);
-        self.levels[0].copy_scaled(frame, scale, execution)?;
-        self.reduce_again(execution)
+        self.levels[0].resize(size[0], size[1]);
     }
 
     /// Make all levels but the finest again, from the finest.

@@ -1,9 +1,10 @@
 //! From the start at a coarse level down to the displacement, and whether to believe it.
 
-use super::inputs::Inputs;
-use super::refine::{GainField, Look, REACH, Workspace, look};
+use super::refine::{GainField, Look, REACH, gain_left, look};
+use super::scratch::Scratch;
 use super::solve::{Solution, eigenvalues};
 use super::start::{Start, best_start};
+use super::unit::Unit;
 use super::{Shift, ShiftOptions, ShiftStatus};
 use crate::error::Result;
 
@@ -31,15 +32,23 @@ fn extrapolated(step: [f64; 2], before: Option<[f64; 2]>) -> ([f64; 2], f64) {
     (step.map(|value| value / (1.0 - left)), 0.3 * ratio)
 }
 
-impl Inputs {
-    pub(super) fn estimate(&self, limit: [f64; 2], options: &ShiftOptions) -> Result<Shift> {
+impl Scratch {
+    /// The displacement between the frames that were taken.
+    pub(super) fn estimate(&mut self, limit: [f64; 2], options: &ShiftOptions) -> Result<Shift> {
+        let Self {
+            inputs,
+            start: search,
+            workspace,
+        } = self;
+        let inputs = &*inputs;
         let mut start: Option<Start> = None;
-        let mut from = self.levels;
-        for level in (0..=self.levels).rev() {
+        let mut from = inputs.levels;
+        for level in (0..=inputs.levels).rev() {
             // The finer levels are for texture that the coarse ones do not show.
             let scale = f64::from(1u32 << level);
             let limit = limit.map(|value| (value / scale).ceil());
-            if let Some(found) = best_start(self.pair(level), limit, &options.execution)? {
+            if let Some(found) = best_start(inputs.pair(level), limit, search, &options.execution)?
+            {
                 if start.is_none_or(|best| found.better_than(&best)) {
                     start = Some(found);
                     from = level;
@@ -55,7 +64,6 @@ impl Inputs {
         let mut displacement = start.displacement.map(|value| value as f64);
         let mut match_found = false;
         let mut gain = GainField::default();
-        let mut workspace = Workspace::default();
         for level in (0..=from).rev() {
             if level != from && level != 0 {
                 displacement = displacement.map(|value| 2.0 * value);
@@ -78,10 +86,9 @@ impl Inputs {
                     whole,
                     illumination: options.illumination,
                     gain,
-                    tile: if finest { self.tile } else { COARSE_TILE },
+                    tile: if finest { inputs.tile } else { COARSE_TILE },
                 };
-                let Some(solution) =
-                    look(self.pair(level), how, &mut workspace, &options.execution)?
+                let Some(solution) = look(inputs.pair(level), how, workspace, &options.execution)?
                 else {
                     return Ok(Shift::invalid(ShiftStatus::TooLittleOverlap));
                 };
@@ -94,7 +101,11 @@ impl Inputs {
                 steady = length * left < if finest { SETTLED } else { COARSE_SETTLED };
                 last = Some((solution, gain));
                 if length < 0.2 && before.is_none() {
-                    for (to, more) in gain.0.iter_mut().zip(solution.gain) {
+                    for (to, more) in
+                        gain.0
+                            .iter_mut()
+                            .zip(gain_left(inputs.pair(level), how, workspace))
+                    {
                         *to += more;
                     }
                 }
@@ -110,61 +121,69 @@ impl Inputs {
                 match_found = solution.matches();
             }
             if finest {
-                return Ok(self.judge(displacement, limit, match_found, steady, &solution, gain));
+                return Ok(judge(
+                    inputs.unit,
+                    displacement,
+                    limit,
+                    match_found,
+                    steady,
+                    &solution,
+                    gain,
+                ));
             }
             displacement = displacement.map(|value| 2.0 * value);
         }
         Ok(Shift::invalid(ShiftStatus::NotConverged))
     }
+}
 
-    fn judge(
-        &self,
-        displacement: [f64; 2],
-        limit: [f64; 2],
-        match_found: bool,
-        steady: bool,
-        solution: &Solution,
-        field: GainField,
-    ) -> Shift {
-        let variance = eigenvalues(solution.covariance);
-        let alpha = solution.alpha + field.0[0];
-        let gain = (1.0 + alpha / 2.0) / (1.0 - alpha / 2.0);
-        let is_light = (1.0 / MAX_GAIN..=MAX_GAIN).contains(&gain);
-        let [low, high] = solution.information;
-        let limit_sigma = MAX_SIGMA * MAX_SIGMA;
-        let status = if !match_found || !is_light || high <= 0.05 {
-            if solution.is_noise() || !is_light {
-                ShiftStatus::NoTexture
-            } else {
-                ShiftStatus::NoMatch
-            }
-        } else if low <= 0.05 || low <= 1e-4 * high {
-            ShiftStatus::Aperture
-        } else if variance[1].is_nan() || variance[1] > limit_sigma {
-            if variance[0] < 0.04 * variance[1] {
-                ShiftStatus::Aperture
-            } else {
-                ShiftStatus::NoTexture
-            }
-        } else if (0..2).any(|axis| displacement[axis].abs() > limit[axis] + 1.0) {
-            ShiftStatus::NoMatch
-        } else if !steady {
-            ShiftStatus::NotConverged
+fn judge(
+    unit: Unit,
+    displacement: [f64; 2],
+    limit: [f64; 2],
+    match_found: bool,
+    steady: bool,
+    solution: &Solution,
+    field: GainField,
+) -> Shift {
+    let variance = eigenvalues(solution.covariance);
+    let alpha = solution.alpha + field.0[0];
+    let gain = (1.0 + alpha / 2.0) / (1.0 - alpha / 2.0);
+    let is_light = (1.0 / MAX_GAIN..=MAX_GAIN).contains(&gain);
+    let [low, high] = solution.information;
+    let limit_sigma = MAX_SIGMA * MAX_SIGMA;
+    let status = if !match_found || !is_light || high <= 0.05 {
+        if solution.is_noise() || !is_light {
+            ShiftStatus::NoTexture
         } else {
-            ShiftStatus::Valid
-        };
-        if status != ShiftStatus::Valid {
-            return Shift::invalid(status);
+            ShiftStatus::NoMatch
         }
-        let offset = solution.beta / (1.0 - alpha / 2.0);
-        Shift {
-            dx: displacement[0],
-            dy: displacement[1],
-            covariance: solution.covariance,
-            gain,
-            offset: offset + self.mean * (1.0 - gain),
-            residual: solution.residual,
-            status,
+    } else if low <= 0.05 || low <= 1e-4 * high {
+        ShiftStatus::Aperture
+    } else if variance[1].is_nan() || variance[1] > limit_sigma {
+        if variance[0] < 0.04 * variance[1] {
+            ShiftStatus::Aperture
+        } else {
+            ShiftStatus::NoTexture
         }
+    } else if (0..2).any(|axis| displacement[axis].abs() > limit[axis] + 1.0) {
+        ShiftStatus::NoMatch
+    } else if !steady {
+        ShiftStatus::NotConverged
+    } else {
+        ShiftStatus::Valid
+    };
+    if status != ShiftStatus::Valid {
+        return Shift::invalid(status);
+    }
+    let offset = solution.beta / (1.0 - alpha / 2.0);
+    Shift {
+        dx: displacement[0],
+        dy: displacement[1],
+        covariance: solution.covariance,
+        gain,
+        offset: offset / unit.scale + unit.mean * (1.0 - gain),
+        residual: solution.residual / unit.scale,
+        status,
     }
 }

@@ -1,16 +1,15 @@
 //! How the gain varies over the window and with the grey level, from the gains of the tiles.
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
-use super::refine::Place;
-use super::solve::reduce;
-use super::sums::{F_MEAN, F_ONE, Gram, Light, Tiling};
+use super::gram::{Block, F_MEAN, F_ONE, Gram};
+use super::place::Place;
+use super::sums::Tiling;
 
 /// Fit the tiles' gains by a plane over the window, and by their grey level. Zero if the tiles are few, or if light
 /// does not follow such a field.
 pub(super) fn gain_field(
-    grams: &[Gram],
+    grams: &[(Gram, Option<Block>)],
     tiling: &Tiling,
-    light: Light,
     place: [Place; 2],
 ) -> [f64; 4] {
     // In gain over the window, and in gain over 64 grey levels: what is not seen is held to this.
@@ -24,11 +23,10 @@ pub(super) fn gain_field(
     let mut samples = Vec::with_capacity(grams.len());
     for row in 0..tiling.down() {
         for column in 0..tiling.across() {
-            let whole = &grams[row * tiling.across() + column];
-            let Some(block) = reduce(whole, light) else {
+            let (whole, Some(block)) = &grams[row * tiling.across() + column] else {
                 continue;
             };
-            if block.texture <= 1e-6 * whole[F_MEAN][F_MEAN] || block.texture <= 0.0 {
+            if block.texture <= 1e-6 * whole.of(F_MEAN, F_MEAN) || block.texture <= 0.0 {
                 continue;
             }
             let at = tiling.middle_pixels(column, row);
@@ -37,7 +35,7 @@ pub(super) fn gain_field(
                     1.0,
                     place[0].of(at[0]),
                     place[1].of(at[1]),
-                    whole[F_ONE][F_MEAN] / block.count / GREY,
+                    whole.of(F_ONE, F_MEAN) / block.count / GREY,
                 ],
                 gain: block.gain,
                 weight: block.texture / block.variance().max(1e-3),

@@ -1,19 +1,25 @@
 //! The parts of the frames that matter, as planes of all levels, and where their pixels may be used.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use ndarray::ArrayView2;
 
 use super::Roi;
-use super::refine::Pair;
+use super::place::Pair;
+use super::unit::Unit;
+use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, read_row};
+use crate::parallel::for_each_band;
 use crate::pyramid::Pyramid;
+use crate::simd::{Kernel, dispatch};
 
 /// Pixels on each side that a filter reads: the taps at every level, and the pyramid from level to level.
 const FILTER_RADIUS: usize = 2;
 /// Pixels around the window that the filters read.
 const MARGIN: usize = 4;
 /// How often to halve the frames for the start: until the longer side is at most 160, and the shorter at least 16.
-pub(super) fn coarse_levels(roi: Roi, limit: [f64; 2], frame: [usize; 2]) -> usize {
+fn coarse_levels(roi: Roi, limit: [f64; 2], frame: [usize; 2]) -> usize {
     let reach = |side: usize, limit: f64, frame: usize| {
         ((side as f64 + 2.0 * limit).min(frame as f64)).ceil() as usize
     };
@@ -25,7 +31,8 @@ pub(super) fn coarse_levels(roi: Roi, limit: [f64; 2], frame: [usize; 2]) -> usi
     }
     levels
 }
-/// The frames' parts that matter, as planes, at all levels.
+/// The frames' parts that matter, as planes, at all levels; memory is kept from call to call.
+#[derive(Debug, Default)]
 pub(super) struct Inputs {
     prev: Pyramid,
     next: Pyramid,
@@ -33,8 +40,7 @@ pub(super) struct Inputs {
     next_weights: Vec<Option<Plane>>,
     origin: [isize; 2],
     window: [(usize, usize); 2],
-    /// Taken from both frames, so that sums of squares do not lose digits.
-    pub(super) mean: f64,
+    pub(super) unit: Unit,
     pub(super) usable: f64,
     pub(super) levels: usize,
     /// Pixels along a side of a tile at the finest level.
@@ -42,15 +48,18 @@ pub(super) struct Inputs {
 }
 
 impl Inputs {
-    pub(super) fn new<T: Pixel>(
+    /// Take what may matter of the frames.
+    pub(super) fn take<T: Pixel>(
+        &mut self,
         prev: Frame<'_, T>,
         next: Frame<'_, T>,
         mask: Option<ArrayView2<'_, bool>>,
         roi: Roi,
         limit: [f64; 2],
-        levels: usize,
-    ) -> Self {
+        execution: &Execution,
+    ) -> Result<()> {
         let (height, width) = prev.dim();
+        let levels = coarse_levels(roi, limit, [width, height]);
         let (start, length, size) = ([roi.x, roi.y], [roi.width, roi.height], [width, height]);
         // Both planes begin at the same pixels of the coarsest level.
         let step = 1usize << levels;
@@ -68,15 +77,21 @@ impl Inputs {
                 (start[axis] + length[axis] + reach).min(size[axis]),
             );
         }
-        let (mut prev_plane, mut prev_weight) = crop(prev, prev_range);
-        let (mut next_plane, next_weight) = crop(next, next_range);
+        let [prev, next] = [(prev, prev_range), (next, next_range)].map(|(frame, range)| {
+            let [columns, rows] = range.map(|(low, high)| low..high);
+            frame.slice_move(ndarray::s![rows, columns])
+        });
+        self.unit = Unit::new([prev, next]);
+        let mut prev_weight = read(prev, self.unit, &mut self.prev, levels, execution)?;
+        let next_weight = read(next, self.unit, &mut self.next, levels, execution)?;
         if let Some(mask) = mask {
+            let (height, width) = prev.dim();
             let weight = prev_weight.get_or_insert_with(|| {
-                let mut plane = Plane::new(prev_plane.width(), prev_plane.height());
+                let mut plane = Plane::new(width, height);
                 plane.data_mut().fill(1.0);
                 plane
             });
-            for y in 0..weight.height() {
+            for y in 0..height {
                 for (x, value) in weight.row_mut(y).iter_mut().enumerate() {
                     if !mask[(prev_range[1].0 + y, prev_range[0].0 + x)] {
                         *value = 0.0;
@@ -84,49 +99,37 @@ impl Inputs {
                 }
             }
         }
-        let window = std::array::from_fn(|axis| {
+        self.window = std::array::from_fn(|axis| {
             let low = start[axis] - prev_range[axis].0;
             (low, low + length[axis])
         });
-        let mean = (mean_of(&prev_plane, prev_weight.as_ref())
-            + mean_of(&next_plane, next_weight.as_ref()))
-            / 2.0;
-        for plane in [&mut prev_plane, &mut next_plane] {
-            for value in plane.data_mut() {
-                *value -= mean as f32;
-            }
-        }
-        let usable = prev_weight
+        let [columns, rows] = self.window;
+        self.usable = prev_weight
             .as_ref()
             .map_or((length[0] * length[1]) as f64, |plane| {
-                plane.data().iter().map(|value| f64::from(*value)).sum()
+                let rows = (rows.0..rows.1).map(|y| &plane.row(y)[columns.0..columns.1]);
+                rows.flatten().map(|value| f64::from(*value)).sum()
             });
-        let execution = Execution::default().threads(1);
-        let build = |plane: &Plane| {
-            let view = ArrayView2::from_shape((plane.height(), plane.width()), plane.data());
-            view.map_or_else(
-                |_| Pyramid::default(),
-                |view| Pyramid::new(view, levels + 1, &execution).unwrap_or_default(),
-            )
+        self.prev_weights = weight_levels(prev_weight, levels);
+        self.next_weights = weight_levels(next_weight, levels);
+        self.origin =
+            std::array::from_fn(|axis| next_range[axis].0 as isize - prev_range[axis].0 as isize);
+        self.levels = levels;
+        self.tile = if length[0].min(length[1]) < 128 {
+            16
+        } else {
+            24
         };
-        Self {
-            prev: build(&prev_plane),
-            next: build(&next_plane),
-            prev_weights: weight_levels(prev_weight, levels),
-            next_weights: weight_levels(next_weight, levels),
-            origin: std::array::from_fn(|axis| {
-                next_range[axis].0 as isize - prev_range[axis].0 as isize
-            }),
-            window,
-            mean,
-            usable,
-            levels,
-            tile: if length[0].min(length[1]) < 128 {
-                16
-            } else {
-                24
-            },
-        }
+        Ok(())
+    }
+
+    /// Pixels of both frames that are held.
+    pub(super) fn pixels(&self) -> usize {
+        [&self.prev, &self.next]
+            .into_iter()
+            .filter_map(|pyramid| pyramid.levels().first())
+            .map(|plane| plane.data().len())
+            .sum()
     }
 
     pub(super) fn pair(&self, level: usize) -> Pair<'_> {
@@ -143,35 +146,87 @@ impl Inputs {
     }
 }
 
-/// The pixels of `frame` in `range` (columns, rows), and a weight where some are not finite.
-fn crop<T: Pixel>(frame: Frame<'_, T>, range: [(usize, usize); 2]) -> (Plane, Option<Plane>) {
-    let part = frame.slice(ndarray::s![range[1].0..range[1].1, range[0].0..range[0].1]);
-    let (height, width) = part.dim();
-    let mut plane = Plane::new(width, height);
-    for y in 0..height {
-        read_row(part, y, plane.row_mut(y));
+/// Read `frame` into the levels of `pyramid`; a weight where some pixels are not finite.
+fn read<T: Pixel>(
+    frame: Frame<'_, T>,
+    unit: Unit,
+    pyramid: &mut Pyramid,
+    levels: usize,
+    execution: &Execution,
+) -> Result<Option<Plane>> {
+    let (height, width) = frame.dim();
+    let (mean, scale) = (unit.mean as f32, unit.scale as f32);
+    let finite = AtomicBool::new(true);
+    pyramid.resize([width, height], levels + 1);
+    let plane = &mut pyramid.levels_mut()[0];
+    let level = execution.simd_level();
+    for_each_band(
+        execution,
+        height,
+        (65_536 / width.max(1)).max(1),
+        plane.rows_mut(),
+        |rows, mut part| {
+            for (local, y) in rows.enumerate() {
+                let row = part.row_mut(local);
+                let kernel = ReadRow {
+                    frame,
+                    y,
+                    mean,
+                    scale,
+                    row,
+                };
+                if !dispatch(level, kernel) {
+                    finite.store(false, Ordering::Relaxed);
+                }
+            }
+        },
+    )?;
+    let mut weight = None;
+    if !finite.into_inner() {
+        let weight = weight.insert(Plane::new(width, height));
+        for (to, value) in weight.data_mut().iter_mut().zip(plane.data()) {
+            *to = if value.is_finite() { 1.0 } else { 0.0 };
+        }
+        for y in 0..height {
+            fill(plane.row_mut(y));
+        }
     }
-    if plane.data().iter().all(|value| value.is_finite()) {
-        return (plane, None);
-    }
-    let mut weight = Plane::new(width, height);
-    for (to, value) in weight.data_mut().iter_mut().zip(plane.data()) {
-        *to = if value.is_finite() { 1.0 } else { 0.0 };
-    }
-    let mean = mean_of(&plane, Some(&weight)) as f32;
-    for y in 0..height {
-        fill(plane.row_mut(y), mean);
-    }
-    (plane, Some(weight))
+    pyramid.reduce_again(execution)?;
+    Ok(weight)
 }
 
-/// Put into each pixel that is not finite the last finite one of its row, so that filters meet no edge.
-fn fill(row: &mut [f32], otherwise: f32) {
+/// Read one row of a frame in the unit of the planes; whether all of it is finite.
+struct ReadRow<'a, T> {
+    frame: Frame<'a, T>,
+    y: usize,
+    mean: f32,
+    scale: f32,
+    row: &'a mut [f32],
+}
+
+impl<T: Pixel> Kernel for ReadRow<'_, T> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        read_row(self.frame, self.y, self.row);
+        let mut finite = true;
+        for value in self.row {
+            *value = (*value - self.mean) * self.scale;
+            finite &= value.is_finite();
+        }
+        finite
+    }
+}
+
+/// Put into each pixel that is not finite the last finite one of its row, so that filters meet no edge; zero, the mean,
+/// where the row has none.
+fn fill(row: &mut [f32]) {
     let mut last = row
         .iter()
         .copied()
         .find(|value| value.is_finite())
-        .unwrap_or(otherwise);
+        .unwrap_or(0.0);
     for value in row {
         if value.is_finite() {
             last = *value;
@@ -179,37 +234,6 @@ fn fill(row: &mut [f32], otherwise: f32) {
             *value = last;
         }
     }
-}
-
-fn mean_of(plane: &Plane, weight: Option<&Plane>) -> f64 {
-    let Some(weight) = weight else {
-        let rows = (0..plane.height()).map(|y| lane_sum(plane.row(y)));
-        return rows.sum::<f64>() / plane.data().len().max(1) as f64;
-    };
-    let (mut sum, mut count) = (0.0f64, 0.0f64);
-    for (value, w) in plane.data().iter().zip(weight.data()) {
-        if *w > 0.0 {
-            sum += f64::from(*value);
-            count += 1.0;
-        }
-    }
-    sum / f64::max(count, 1.0)
-}
-
-/// The sum of a row in lanes, in a fixed order.
-fn lane_sum(row: &[f32]) -> f64 {
-    let (chunks, rest) = row.as_chunks::<8>();
-    let mut lanes = [0.0f32; 8];
-    for chunk in chunks {
-        for (lane, value) in lanes.iter_mut().zip(chunk) {
-            *lane += value;
-        }
-    }
-    lanes
-        .iter()
-        .chain(rest)
-        .map(|value| f64::from(*value))
-        .sum()
 }
 
 /// The weights of all levels: a pixel counts where all pixels that the filters read for it do.

@@ -4,13 +4,19 @@
 //! change by a gain and an offset that follow the place; they are unknowns of the same least squares. The gradients
 //! that weight the differences are smoothed, the differences are not, so that noise does not bias the result.
 
+mod agreement;
 mod estimate;
 mod gain;
+mod gram;
 mod inputs;
+mod place;
 mod refine;
+mod scratch;
 mod solve;
 mod start;
 mod sums;
+mod taps;
+mod unit;
 
 use ndarray::ArrayView2;
 
@@ -18,7 +24,8 @@ use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel};
 use crate::illumination::Illumination;
-use inputs::Inputs;
+use crate::parallel::on_pool;
+use scratch::with_scratch;
 
 /// A rectangle of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -169,6 +176,9 @@ impl ShiftOptions {
 }
 /// Fewer usable pixels along a side cannot hold the filters.
 const MIN_SIDE: usize = 8;
+/// Smaller windows are measured in less time than a second thread takes to wake up.
+const ONE_THREAD_PIXELS: usize = 1 << 14;
+
 /// The displacement of the window from `prev` to `next`.
 ///
 /// Pixels that are NaN, and those of `prev` where `mask` is false, are left out.
@@ -230,10 +240,19 @@ pub fn estimate_shift<T: Pixel>(
         Some(limit) => [limit, limit],
         None => [roi.width as f64 / 2.0, roi.height as f64 / 2.0],
     };
-    let levels = inputs::coarse_levels(roi, limit, [width, height]);
-    let inputs = Inputs::new(prev, next, mask, roi, limit, levels);
-    if inputs.usable < (MIN_SIDE * MIN_SIDE) as f64 {
-        return Ok(Shift::invalid(ShiftStatus::TooSmall));
+    let work = || {
+        with_scratch(|scratch| {
+            let inputs = &mut scratch.inputs;
+            inputs.take(prev, next, mask, roi, limit, &options.execution)?;
+            if inputs.usable < (MIN_SIDE * MIN_SIDE) as f64 {
+                return Ok(Shift::invalid(ShiftStatus::TooSmall));
+            }
+            scratch.estimate(limit, options)
+        })
+    };
+    if roi.width * roi.height < ONE_THREAD_PIXELS {
+        work()
+    } else {
+        on_pool(&options.execution, work)?
     }
-    inputs.estimate(limit, options)
 }

@@ -1,104 +1,35 @@
 //! One look at two frames at one displacement: both are sampled half a step towards each other, and the products that
 //! the normal equations need are summed over tiles.
+//!
+//! A stripe of tiles is sampled into buffers that stay in the cache, then summed: the frames are read once a look.
 
-#![allow(clippy::needless_range_loop, reason = "matrix and filter indices")]
+#![allow(clippy::needless_range_loop, reason = "lane indices")]
 
-use std::ops::Range;
+use std::cell::RefCell;
 
-use super::solve::{NoiseGain, Solution, solve};
-use super::sums::{LANES, Light, StripeSums, Tile, Tiling};
+use super::gram::Light;
+use super::place::{Pair, Place};
+use super::solve::{Solution, Solver};
+use super::sums::{StripeSums, Tile, Tiling};
+use super::taps::{RADIUS, Taps, noise_gain, taps};
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::illumination::Illumination;
 use crate::parallel::{RowsMut, for_each_band};
-use crate::simd::{Kernel, dispatch};
+use crate::simd::{EIGHT, Eight, EightKernel, Packed, dispatch_eight};
 
-/// Taps on each side of the interpolation and of the derivative.
-const RADIUS: usize = 2;
 /// The displacement may be this far from the whole pixels at which the frames are compared; more than half a pixel, so
 /// that an iteration near the half does not jump between two of them.
 pub(super) const REACH: f64 = 0.52;
-/// The derivative of fourth order.
-pub(super) const DERIVATIVE: [f32; 5] = [1.0 / 12.0, -8.0 / 12.0, 0.0, 8.0 / 12.0, -1.0 / 12.0];
 
-/// Two planes, and how they lie.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Pair<'a> {
-    pub(super) prev: &'a Plane,
-    pub(super) next: &'a Plane,
-    /// 1 where a pixel may be used, 0 where not; the sizes are those of the planes.
-    pub(super) prev_weight: Option<&'a Plane>,
-    pub(super) next_weight: Option<&'a Plane>,
-    /// Where `next` begins, in pixels of `prev`.
-    pub(super) origin: [isize; 2],
-    /// The pixels of `prev` that may be used.
-    pub(super) window: [(usize, usize); 2],
-}
-
-impl Pair<'_> {
-    /// The pixels of `prev`, along one axis, that both planes show with room for the taps.
-    fn overlap(&self, axis: usize, shift: isize) -> Range<usize> {
-        let (prev, next) = if axis == 0 {
-            (self.prev.width(), self.next.width())
-        } else {
-            (self.prev.height(), self.next.height())
-        };
-        let radius = RADIUS as isize;
-        let offset = shift - self.origin[axis];
-        let (low, high) = self.window[axis];
-        let start = (low as isize).max(radius).max(radius - offset);
-        let end = (high as isize)
-            .min(prev as isize - radius)
-            .min(next as isize - radius - offset);
-        start as usize..end.max(start) as usize
-    }
-}
-
-/// The even part of the taps: coefficients of 1, delta^2, delta^4, delta^6 for the taps 1 and 2 from the middle.
-const EVEN: [[f64; 2]; 4] = [
-    [0.215646278, 0.007313361],
-    [0.393206985, -0.095004255],
-    [-5.254674985, 3.876233824],
-    [35.923271313, -26.894626937],
-];
-/// The odd part: coefficients of delta, delta^3, delta^5, delta^7.
-const ODD: [[f64; 2]; 4] = [
-    [0.424915308, 0.037542346],
-    [0.00455665, -0.002278325],
-    [-3.069134786, 1.534567393],
-    [19.31072613, -9.655363065],
-];
-
-/// A filter that smooths and moves by `delta` at once, |delta| <= 0.26.
-///
-/// Two frames that are moved towards each other share its amplitude, so that only its phase can bias a displacement.
-/// The coefficients are the least squares fit of the phase up to 2.6 radians a pixel, with the amplitude of a Gaussian
-/// of standard deviation 0.71 as a weak second aim: textures of any scale are biased by less than 0.0002 px.
-fn taps(delta: f64) -> [f32; 2 * RADIUS + 1] {
-    let square = delta * delta;
-    let even: [f64; 2] = std::array::from_fn(|k| {
-        ((EVEN[3][k] * square + EVEN[2][k]) * square + EVEN[1][k]) * square + EVEN[0][k]
-    });
-    let odd: [f64; 2] = std::array::from_fn(|k| {
-        (((ODD[3][k] * square + ODD[2][k]) * square + ODD[1][k]) * square + ODD[0][k]) * delta
-    });
-    [
-        (even[1] - odd[1]) as f32,
-        (even[0] - odd[0]) as f32,
-        (1.0 - 2.0 * (even[0] + even[1])) as f32,
-        (even[0] + odd[0]) as f32,
-        (even[1] + odd[1]) as f32,
-    ]
-}
-
-/// The frames sampled at one displacement, kept from look to look.
+/// What a look needs, kept from look to look.
 #[derive(Debug, Default)]
 pub(super) struct Workspace {
-    mean: Plane,
-    difference: Plane,
     weight: Plane,
     tiles: Vec<Tile>,
+    tiling: Tiling,
+    solver: Solver,
 }
 
 /// How to look.
@@ -121,6 +52,25 @@ pub(super) struct Look {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct GainField(pub(super) [f64; 4]);
 
+impl GainField {
+    fn is_none(self) -> bool {
+        self == Self::default()
+    }
+}
+
+/// A stripe of tiles, sampled: rows of the mean of both frames, with [`RADIUS`] more above, below and on each side, and
+/// of their difference.
+#[derive(Debug, Default)]
+struct Stripe {
+    mean: Plane,
+    difference: Plane,
+    temporary: [Vec<f32>; 2],
+}
+
+thread_local! {
+    static STRIPE: RefCell<Stripe> = RefCell::default();
+}
+
 /// What the pair says; `None` if too few pixels are shown by both.
 pub(super) fn look(
     pair: Pair<'_>,
@@ -128,272 +78,290 @@ pub(super) fn look(
     workspace: &mut Workspace,
     execution: &Execution,
 ) -> Result<Option<Solution>> {
-    let half: [f64; 2] =
-        std::array::from_fn(|axis| (how.displacement[axis] - how.whole[axis]) / 2.0);
-    let shift = how.whole.map(|value| value as isize);
-    let columns = pair.overlap(0, shift[0]);
-    let rows = pair.overlap(1, shift[1]);
-    if columns.len() < 4 || rows.len() < 4 {
+    let Some(view) = View::new(pair, how) else {
         return Ok(None);
-    }
-    let (width, height) = (columns.len(), rows.len());
-    let padded = width.next_multiple_of(LANES) + 2 * RADIUS;
-    let level = execution.simd_level();
-    let next_start = [
-        (columns.start as isize + shift[0] - pair.origin[0]) as usize,
-        (rows.start as isize + shift[1] - pair.origin[1]) as usize,
-    ];
-    let taps = half.map(taps);
-    let place = [
-        Place::new(pair.window[0], columns.start, shift[0]),
-        Place::new(pair.window[1], rows.start, shift[1]),
-    ];
-    let min_rows = (8192 / width).max(1);
-    workspace.mean.resize(padded, height);
-    workspace.difference.resize(padded, height);
-    for_each_band(
-        execution,
-        height,
-        min_rows,
-        (workspace.mean.rows_mut(), workspace.difference.rows_mut()),
-        |band, (mut mean, mut difference)| {
-            let mut temporary = [vec![0.0; width + 2 * RADIUS], vec![0.0; width + 2 * RADIUS]];
-            let mut ramp = vec![0.0; width];
-            for (local, y) in band.enumerate() {
-                let kernel = Sample {
-                    prev: taps_rows(pair.prev, [columns.start, rows.start + y], width),
-                    next: taps_rows(pair.next, [next_start[0], next_start[1] + y], width),
-                    taps: &taps,
-                    temporary: &mut temporary,
-                    mean: mean.row_mut(local),
-                    difference: difference.row_mut(local),
-                };
-                dispatch(level, kernel);
-                if how.gain != GainField::default() {
-                    let [constant, along_x, along_y, curve] = how.gain.0;
-                    let start = constant + along_y * place[1].at(y);
-                    for (x, value) in ramp.iter_mut().enumerate() {
-                        *value = (start + along_x * place[0].at(x)) as f32;
-                    }
-                    let kernel = Relight {
-                        ramp: &ramp,
-                        curve: (curve / 2.0) as f32,
-                        mean: &mean.row_mut(local)[RADIUS..],
-                        difference: difference.row_mut(local),
-                    };
-                    dispatch(level, kernel);
-                }
-            }
-        },
-    )?;
+    };
+    let Workspace {
+        weight,
+        tiles,
+        tiling,
+        solver,
+    } = workspace;
     let weighted = pair.prev_weight.is_some() || pair.next_weight.is_some();
     if weighted {
-        let starts = [[columns.start, rows.start], next_start];
-        weigh(pair, starts, width, height, &mut workspace.weight);
+        view.weigh(weight);
     }
-    let tiling = Tiling::new(width, height, how.tile);
-    workspace.tiles.clear();
-    workspace
-        .tiles
-        .resize(tiling.across() * tiling.down(), Tile::default());
-    let (mean, difference) = (&workspace.mean, &workspace.difference);
-    let weight = weighted.then_some(&workspace.weight);
+    tiling.cut(view.size, how.tile);
+    tiles.clear();
+    tiles.resize(tiling.across() * tiling.down(), Tile::ZERO);
+    let level = execution.simd_level();
+    let weight = weighted.then_some(&*weight);
+    let tiling = &*tiling;
     for_each_band(
         execution,
         tiling.down(),
-        (8192 / (width * how.tile)).max(1),
-        RowsMut::new(&mut workspace.tiles, tiling.across()),
+        (8192 / (view.size[0] * how.tile)).max(1),
+        RowsMut::new(tiles, tiling.across()),
         |band, mut part| {
-            for (local, stripe) in band.enumerate() {
-                let kernel = StripeSums {
-                    mean,
-                    difference,
-                    weight,
-                    tiling: &tiling,
-                    stripe,
-                    tiles: part.row_mut(local),
-                };
-                dispatch(level, kernel);
-            }
+            STRIPE.with_borrow_mut(|buffers| {
+                for (local, stripe) in band.enumerate() {
+                    dispatch_eight(
+                        level,
+                        LookAtStripe {
+                            view: &view,
+                            tiling,
+                            stripe,
+                            weight,
+                            follows: local > 0,
+                            buffers,
+                            tiles: part.row_mut(local),
+                        },
+                    );
+                }
+            });
         },
     )?;
     let light = Light::new(how.illumination);
-    Ok(solve(
-        &workspace.tiles,
-        &tiling,
-        weighted,
-        light,
-        noise_gain(&taps),
-        place,
-    ))
+    Ok(solver.solve(tiles, tiling, weighted, light, noise_gain(&view.taps)))
 }
 
-/// From pixels of the region to the place in the window, -1 to 1, halfway between the two frames.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
-    start: f64,
-    step: f64,
+/// How the gain varies over the window, beyond what the last look took out, as that look saw it.
+pub(super) fn gain_left(pair: Pair<'_>, how: Look, workspace: &Workspace) -> [f64; 4] {
+    let light = Light::new(how.illumination);
+    View::new(pair, how).map_or([0.0; 4], |view| {
+        workspace
+            .solver
+            .gain_field(&workspace.tiling, light, view.place)
+    })
 }
 
-impl Place {
-    fn new(window: (usize, usize), start: usize, shift: isize) -> Self {
-        let middle = (window.0 + window.1) as f64 / 2.0;
-        let step = 2.0 / (window.1 - window.0) as f64;
-        // Half of the displacement, so that swapping the frames changes nothing.
-        Self {
-            start: (start as f64 + 0.5 + shift as f64 / 2.0 - middle) * step,
-            step,
+/// The region that both frames show, and how each is sampled there.
+struct View<'a> {
+    pair: Pair<'a>,
+    /// Its first pixel in each frame.
+    starts: [[usize; 2]; 2],
+    size: [usize; 2],
+    /// Those of `next`, along x and along y; `prev` takes them in reverse.
+    taps: [Taps; 2],
+    place: [Place; 2],
+    gain: GainField,
+}
+
+impl<'a> View<'a> {
+    fn new(pair: Pair<'a>, how: Look) -> Option<Self> {
+        let half: [f64; 2] =
+            std::array::from_fn(|axis| (how.displacement[axis] - how.whole[axis]) / 2.0);
+        let shift = how.whole.map(|value| value as isize);
+        let (columns, rows) = (pair.overlap(0, shift[0]), pair.overlap(1, shift[1]));
+        if columns.len() < 4 || rows.len() < 4 {
+            return None;
         }
+        let start = [columns.start, rows.start];
+        Some(Self {
+            pair,
+            starts: [
+                start,
+                std::array::from_fn(|axis| {
+                    (start[axis] as isize + shift[axis] - pair.origin[axis]) as usize
+                }),
+            ],
+            size: [columns.len(), rows.len()],
+            taps: half.map(taps),
+            place: std::array::from_fn(|axis| {
+                Place::new(pair.window[axis], start[axis], shift[axis])
+            }),
+            gain: how.gain,
+        })
     }
 
-    /// The place of pixel `index` of the region.
-    pub(super) fn at(&self, index: usize) -> f64 {
-        self.start + self.step * index as f64
-    }
-
-    /// The same for a position in pixels, from the border of the first.
-    pub(super) fn of(&self, position: f64) -> f64 {
-        self.start + self.step * (position - 0.5)
-    }
-}
-
-/// Take the known light out of a row of differences.
-struct Relight<'a> {
-    ramp: &'a [f32],
-    curve: f32,
-    mean: &'a [f32],
-    difference: &'a mut [f32],
-}
-
-impl Kernel for Relight<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for ((to, m), ramp) in self.difference.iter_mut().zip(self.mean).zip(self.ramp) {
-            *to -= (ramp + self.curve * m) * m;
-        }
-    }
-}
-
-/// What the filters do to white noise.
-fn noise_gain(taps: &[[f32; 2 * RADIUS + 1]; 2]) -> NoiseGain {
-    let (across, down) = (energy(&taps[0]), energy(&taps[1]));
-    // The Laplacian is the second difference along x plus that along y; its cross term is the product of the two
-    // correlations of a filter with its own second difference.
-    let second = |taps: &[f32]| convolved(taps, &[1.0, -2.0, 1.0]);
-    let cross = |taps: &[f32]| -> f64 {
-        second(taps)[1..]
-            .iter()
-            .zip(taps)
-            .map(|(a, b)| f64::from(a * b))
-            .sum()
-    };
-    NoiseGain {
-        sampled: across * down,
-        gradient: [
-            energy(&convolved(&taps[0], &DERIVATIVE)) * down,
-            across * energy(&convolved(&taps[1], &DERIVATIVE)),
-        ],
-        laplacian: energy(&second(&taps[0])) * down
-            + across * energy(&second(&taps[1]))
-            + 2.0 * cross(&taps[0]) * cross(&taps[1]),
-    }
-}
-
-fn energy(taps: &[f32]) -> f64 {
-    taps.iter().map(|tap| f64::from(tap * tap)).sum()
-}
-
-fn convolved(taps: &[f32], other: &[f32]) -> Vec<f32> {
-    let mut both = vec![0.0f32; taps.len() + other.len() - 1];
-    for (i, a) in taps.iter().enumerate() {
-        for (j, b) in other.iter().enumerate() {
-            both[i + j] += a * b;
-        }
-    }
-    both
-}
-
-/// Where both frames may be used, beginning at `starts` in each.
-fn weigh(pair: Pair<'_>, starts: [[usize; 2]; 2], width: usize, height: usize, weight: &mut Plane) {
-    weight.resize(width.next_multiple_of(LANES), height);
-    for y in 0..height {
-        let row = weight.row_mut(y);
-        row[..width].fill(1.0);
-        row[width..].fill(0.0);
-        for (plane, start) in [pair.prev_weight, pair.next_weight].into_iter().zip(starts) {
-            if let Some(plane) = plane {
-                let other = &plane.row(start[1] + y)[start[0]..start[0] + width];
-                row.iter_mut().zip(other).for_each(|(to, from)| *to *= from);
+    /// Where both frames may be used.
+    fn weigh(&self, weight: &mut Plane) {
+        let [width, height] = self.size;
+        weight.resize(width.next_multiple_of(EIGHT), height);
+        let planes = [self.pair.prev_weight, self.pair.next_weight];
+        for y in 0..height {
+            let row = weight.row_mut(y);
+            row[..width].fill(1.0);
+            row[width..].fill(0.0);
+            for (plane, start) in planes.into_iter().zip(self.starts) {
+                if let Some(plane) = plane {
+                    let other = &plane.row(start[1] + y)[start[0]..start[0] + width];
+                    row.iter_mut().zip(other).for_each(|(to, from)| *to *= from);
+                }
             }
         }
     }
-}
 
-/// The rows that the taps read for the row that begins at `start`.
-fn taps_rows(plane: &Plane, start: [usize; 2], width: usize) -> [&[f32]; 2 * RADIUS + 1] {
-    let columns = start[0] - RADIUS..start[0] + width + RADIUS;
-    std::array::from_fn(|k| &plane.row(start[1] + k - RADIUS)[columns.clone()])
-}
-
-/// A row of both frames, moved towards each other: their mean, padded by its border, and their difference.
-struct Sample<'a> {
-    prev: [&'a [f32]; 2 * RADIUS + 1],
-    next: [&'a [f32]; 2 * RADIUS + 1],
-    /// Those of `next`, along x and along y; `prev` takes them in reverse.
-    taps: &'a [[f32; 2 * RADIUS + 1]; 2],
-    temporary: &'a mut [Vec<f32>; 2],
-    mean: &'a mut [f32],
-    difference: &'a mut [f32],
-}
-
-impl Kernel for Sample<'_> {
-    type Output = ();
-
+    /// The rows that the taps read for row `y` of the region, in one of the frames.
     #[inline(always)]
-    fn run(self) {
-        let [p, n] = self.temporary;
-        let length = p.len();
-        let width = length - 2 * RADIUS;
-        down(self.prev, reversed(self.taps[1]), p);
-        down(self.next, self.taps[1], n);
-        let p = shifted(p, width);
-        let n = shifted(n, width);
-        let [ta, tb, tc, td, te] = self.taps[0];
-        let mean = &mut self.mean[RADIUS..RADIUS + width];
-        let difference = &mut self.difference[..width];
-        for x in 0..width {
-            let prev = (te * p[0][x] + ta * p[4][x]) + (td * p[1][x] + tb * p[3][x]) + tc * p[2][x];
-            let next = (ta * n[0][x] + te * n[4][x]) + (tb * n[1][x] + td * n[3][x]) + tc * n[2][x];
-            mean[x] = 0.5 * (next + prev);
-            difference[x] = next - prev;
-        }
-        let (first, last) = (mean[0], mean[width - 1]);
-        self.mean[..RADIUS].fill(first);
-        self.mean[RADIUS + width..].fill(last);
-        self.difference[width..].fill(0.0);
+    fn rows(&self, plane: &'a Plane, start: [usize; 2], y: usize) -> [&'a [f32]; 2 * RADIUS + 1] {
+        let columns = start[0] - RADIUS..start[0] + self.size[0] + RADIUS;
+        std::array::from_fn(|k| &plane.row(start[1] + y + k - RADIUS)[columns.clone()])
     }
 }
 
+/// Sample a stripe of tiles, and sum it up.
+struct LookAtStripe<'a> {
+    view: &'a View<'a>,
+    tiling: &'a Tiling,
+    stripe: usize,
+    weight: Option<&'a Plane>,
+    /// Whether the buffers hold the stripe before.
+    follows: bool,
+    buffers: &'a mut Stripe,
+    tiles: &'a mut [Tile],
+}
+
+impl EightKernel for LookAtStripe<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Eight>(self) {
+        let [width, height] = self.view.size;
+        let padded = width.next_multiple_of(EIGHT);
+        let rows = self.tiling.rows(self.stripe);
+        let Stripe {
+            mean,
+            difference,
+            temporary,
+        } = self.buffers;
+        let shared = 2 * RADIUS;
+        let first = if self.follows {
+            for plane in [&mut *mean, &mut *difference] {
+                let from = (plane.height() - shared) * plane.width();
+                plane.data_mut().copy_within(from.., 0);
+            }
+            rows.start + RADIUS
+        } else {
+            rows.start.saturating_sub(RADIUS)
+        };
+        let last = (rows.end + RADIUS).min(height);
+        mean.resize(padded + 2 * RADIUS, rows.len() + shared);
+        difference.resize(padded, rows.len() + shared);
+        for row in temporary.iter_mut() {
+            row.resize(padded + 2 * RADIUS, 0.0);
+        }
+        // Row y of the region stands here.
+        let at = |y: usize| y + RADIUS - rows.start;
+        for y in first..last {
+            let (mean, difference) = (mean.row_mut(at(y)), difference.row_mut(at(y)));
+            sample::<L>(self.view, y, temporary, mean, difference);
+            if !self.view.gain.is_none() {
+                relight::<L>(self.view, y, mean, difference);
+            }
+        }
+        // Outside of the region its border counts.
+        for missing in 0..RADIUS.saturating_sub(rows.start) {
+            repeat(mean, at(0), missing);
+        }
+        for missing in last..rows.end + RADIUS {
+            repeat(mean, at(last - 1), at(missing));
+        }
+        StripeSums {
+            mean,
+            difference,
+            weight: self.weight,
+            tiling: self.tiling,
+            stripe: self.stripe,
+        }
+        .run::<L>(self.tiles);
+    }
+}
+
+/// Copy row `from` to row `to`.
+fn repeat(plane: &mut Plane, from: usize, to: usize) {
+    let width = plane.width();
+    plane
+        .data_mut()
+        .copy_within(from * width..(from + 1) * width, to * width);
+}
+
+/// Row `y` of the region in both frames, moved towards each other: their mean, padded by its border, and their
+/// difference.
 #[inline(always)]
-fn reversed([a, b, c, d, e]: [f32; 2 * RADIUS + 1]) -> [f32; 2 * RADIUS + 1] {
+fn sample<L: Eight>(
+    view: &View<'_>,
+    y: usize,
+    temporary: &mut [Vec<f32>; 2],
+    mean: &mut [f32],
+    difference: &mut [f32],
+) {
+    let width = view.size[0];
+    let [across, taps] = view.taps;
+    let [p, n] = temporary;
+    let length = width + 2 * RADIUS;
+    let [prev, next] = view.starts;
+    down::<L>(
+        view.rows(view.pair.prev, prev, y),
+        reversed(taps),
+        &mut p[..length],
+    );
+    down::<L>(view.rows(view.pair.next, next, y), taps, &mut n[..length]);
+    let (ta, tb, tc) = (
+        L::splat(across[0]),
+        L::splat(across[1]),
+        L::splat(across[2]),
+    );
+    let (td, te) = (L::splat(across[3]), L::splat(across[4]));
+    let half = L::splat(0.5);
+    let padded = difference.len();
+    let (p, n) = (&p[..padded + 2 * RADIUS], &n[..padded + 2 * RADIUS]);
+    let mut x = 0;
+    while x < padded {
+        let outer = te * L::load(p, x) + ta * L::load(p, x + 4);
+        let inner = td * L::load(p, x + 1) + tb * L::load(p, x + 3);
+        let prev = outer + inner + tc * L::load(p, x + 2);
+        let outer = ta * L::load(n, x) + te * L::load(n, x + 4);
+        let inner = tb * L::load(n, x + 1) + td * L::load(n, x + 3);
+        let next = outer + inner + tc * L::load(n, x + 2);
+        (half * (next + prev)).store(mean, x + RADIUS);
+        (next - prev).store(difference, x);
+        x += EIGHT;
+    }
+    let (first, last) = (mean[RADIUS], mean[RADIUS + width - 1]);
+    mean[..RADIUS].fill(first);
+    mean[RADIUS + width..].fill(last);
+    difference[width..].fill(0.0);
+}
+
+/// Take the known light out of row `y` of the difference.
+#[inline(always)]
+fn relight<L: Eight>(view: &View<'_>, y: usize, mean: &[f32], difference: &mut [f32]) {
+    let [constant, along_x, along_y, curve] = view.gain.0;
+    let start = constant + along_y * view.place[1].at(y);
+    let step = along_x * view.place[0].step();
+    let curve = L::splat((curve / 2.0) as f32);
+    let steps = L::splat(step as f32) * L::unpack(&Packed::STEPS);
+    let mut x = 0;
+    while x < difference.len() {
+        let at = (start + along_x * view.place[0].at(x)) as f32;
+        let m = L::load(mean, x + RADIUS);
+        let left = L::load(difference, x) - (L::splat(at) + steps + curve * m) * m;
+        left.store(difference, x);
+        x += EIGHT;
+    }
+    difference[view.size[0]..].fill(0.0);
+}
+
+#[inline(always)]
+fn reversed([a, b, c, d, e]: Taps) -> Taps {
     [e, d, c, b, a]
 }
 
 /// The taps down the columns; outer pairs first, so that reversed taps on a mirrored picture give the same bits.
 #[inline(always)]
-fn down(rows: [&[f32]; 2 * RADIUS + 1], taps: [f32; 2 * RADIUS + 1], to: &mut [f32]) {
+fn down<L: Eight>(rows: [&[f32]; 2 * RADIUS + 1], taps: Taps, to: &mut [f32]) {
     let length = to.len();
-    let [a, b, c, d, e] = rows.map(|row| &row[..length]);
-    for x in 0..length {
-        to[x] =
-            (taps[0] * a[x] + taps[4] * e[x]) + (taps[1] * b[x] + taps[3] * d[x]) + taps[2] * c[x];
+    let (ta, tb, tc) = (L::splat(taps[0]), L::splat(taps[1]), L::splat(taps[2]));
+    let (td, te) = (L::splat(taps[3]), L::splat(taps[4]));
+    let [a, b, c, d, e] = rows;
+    let mut x = 0;
+    while x < length {
+        // The last lanes overlap those before them: they hold the same values.
+        let at = x.min(length - EIGHT);
+        let outer = ta * L::load(a, at) + te * L::load(e, at);
+        let inner = tb * L::load(b, at) + td * L::load(d, at);
+        (outer + inner + tc * L::load(c, at)).store(to, at);
+        x += EIGHT;
     }
-}
-
-/// The row from each of the taps' places on.
-#[inline(always)]
-fn shifted(row: &[f32], width: usize) -> [&[f32]; 2 * RADIUS + 1] {
-    std::array::from_fn(|k| &row[k..k + width])
 }

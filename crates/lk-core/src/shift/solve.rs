@@ -5,10 +5,10 @@
 use std::ops::Range;
 
 use super::gain::gain_field;
-use super::refine::Place;
-use super::sums::{
-    F_DIFFERENCE, F_GX, F_GY, F_MEAN, F_ONE, F_X, F_Y, FEATURES, Gram, Light, Tile, Tiling,
-};
+use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light};
+use super::place::Place;
+use super::sums::{Tile, Tiling};
+use super::taps::NoiseGain;
 
 /// What the tiles together say at one displacement.
 #[derive(Debug, Clone, Copy)]
@@ -26,8 +26,6 @@ pub(super) struct Solution {
     /// Symmetric gain and offset: `next - prev = alpha (prev + next) / 2 + beta`.
     pub(super) alpha: f64,
     pub(super) beta: f64,
-    /// What the tiles say about the gain, beyond what was taken out: see `GainField`.
-    pub(super) gain: [f64; 4],
     /// Pixels that it rests on.
     pub(super) count: f64,
     /// Squared Laplacians over squared gradients, divided by what white noise would give; 1 where there is neither.
@@ -48,160 +46,64 @@ impl Solution {
     }
 }
 
-/// What the filters do to white noise of unit variance in each frame.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct NoiseGain {
-    /// Variance of the filtered frame.
-    pub(super) sampled: f64,
-    /// Variance of its gradient, along x and along y.
-    pub(super) gradient: [f64; 2],
-    /// Variance of its Laplacian.
-    pub(super) laplacian: f64,
-}
-
-/// A block with its light eliminated.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Block {
-    gradient: [[f64; 2]; 2],
-    difference: [f64; 2],
-    pub(super) count: f64,
-    degrees: f64,
-    pub(super) texture: f64,
-    /// The gain, less 1, where light takes one.
-    pub(super) gain: f64,
-    residual: f64,
-    light: [[f64; 3]; 3],
-}
-
-impl Block {
-    pub(super) fn variance(&self) -> f64 {
-        self.residual / self.degrees
-    }
-}
-
-/// Take `pivot` out of all features of `gram`; `size` is its sum of squares before anything was taken out.
-fn eliminate(gram: &mut Gram, pivot: usize, size: f64) -> bool {
-    let row = gram[pivot];
-    let diagonal = row[pivot];
-    // Below this share the feature is a combination of those before it, up to rounding.
-    if diagonal <= 1e-7 * size || diagonal <= 0.0 {
-        return false;
-    }
-    for i in 0..FEATURES {
-        let factor = row[i] / diagonal;
-        if factor != 0.0 {
-            for j in 0..FEATURES {
-                gram[i][j] -= factor * row[j];
-            }
-        }
-    }
-    true
-}
-
-pub(super) fn reduce(whole: &Gram, light: Light) -> Option<Block> {
-    let mut gram = *whole;
-    let count = gram[F_ONE][F_ONE];
-    let mut degrees = count - 2.0;
-    let mut texture = None;
-    if light.offset {
-        for pivot in [F_ONE, F_X, F_Y] {
-            degrees -= f64::from(u8::from(eliminate(&mut gram, pivot, whole[pivot][pivot])));
-        }
-        texture = Some(gram[F_MEAN][F_MEAN]);
-    }
-    let mut gain = 0.0;
-    if light.gain {
-        gain = gram[F_MEAN][F_DIFFERENCE] / gram[F_MEAN][F_MEAN].max(1e-12);
-        degrees -= f64::from(u8::from(eliminate(
-            &mut gram,
-            F_MEAN,
-            whole[F_MEAN][F_MEAN],
-        )));
-    }
-    if degrees < 4.0 {
-        return None;
-    }
-    let texture = texture
-        .unwrap_or_else(|| whole[F_MEAN][F_MEAN] - whole[F_MEAN][F_ONE].powi(2) / count)
-        .max(0.0);
-    const LIGHT: [usize; 3] = [F_ONE, F_MEAN, F_DIFFERENCE];
-    Some(Block {
-        gradient: [
-            [gram[F_GX][F_GX], gram[F_GX][F_GY]],
-            [gram[F_GY][F_GX], gram[F_GY][F_GY]],
-        ],
-        difference: [gram[F_GX][F_DIFFERENCE], gram[F_GY][F_DIFFERENCE]],
-        count,
-        degrees,
-        texture,
-        gain,
-        residual: gram[F_DIFFERENCE][F_DIFFERENCE].max(0.0),
-        light: LIGHT.map(|i| LIGHT.map(|j| whole[i][j])),
-    })
-}
-
-/// The sums with x and y counted from a point (dx, dy) further back.
-fn moved(mut gram: Gram, dx: f64, dy: f64) -> Gram {
-    for (feature, by) in [(F_X, dx), (F_Y, dy)] {
-        for j in 0..FEATURES {
-            gram[feature][j] += by * gram[F_ONE][j];
-        }
-        for i in 0..FEATURES {
-            gram[i][feature] += by * gram[i][F_ONE];
-        }
-    }
-    gram
+/// Sums and blocks, kept from look to look.
+#[derive(Debug, Default)]
+pub(super) struct Solver {
+    /// The sums of each tile, and the tile with its light eliminated.
+    grams: Vec<(Gram, Option<Block>)>,
+    /// The blocks that the window is best cut into.
+    blocks: Vec<Block>,
+    order: Vec<(f64, f64)>,
 }
 
 /// Merges blocks of tiles as long as one model of the light fits them.
 struct Merger<'a> {
-    grams: &'a [Gram],
+    grams: &'a [(Gram, Option<Block>)],
     tiling: &'a Tiling,
     light: Light,
     /// Sum of squares that one more unknown takes out of filtered white noise of unit variance.
     absorbed: f64,
+    blocks: &'a mut Vec<Block>,
 }
 
 impl Merger<'_> {
-    /// The sums over a block of tiles, about its own middle, and the blocks that it is best cut into.
-    fn blocks(&self, columns: Range<usize>, rows: Range<usize>) -> (Gram, [f64; 2], Vec<Block>) {
+    /// The sums over a block of tiles, about its own middle; the blocks that it is best cut into are added to `blocks`.
+    fn merge(&mut self, columns: Range<usize>, rows: Range<usize>) -> (Gram, [f64; 2]) {
         if columns.len() == 1 && rows.len() == 1 {
-            let index = rows.start * self.tiling.across() + columns.start;
-            let gram = self.grams[index];
-            let middle = self.tiling.middle(columns.start, rows.start);
-            return (
-                gram,
-                middle,
-                reduce(&gram, self.light).into_iter().collect(),
-            );
+            let (gram, block) = &self.grams[rows.start * self.tiling.across() + columns.start];
+            self.blocks.extend(block);
+            return (*gram, self.tiling.middle(columns.start, rows.start));
         }
         let halves = |range: &Range<usize>| {
             let middle = range.start + range.len().div_ceil(2);
             [range.start..middle, middle..range.end]
         };
-        let mut parts = Vec::with_capacity(4);
+        let before = self.blocks.len();
+        let mut parts = [(Gram::default(), [0.0; 2]); 4];
+        let mut count = 0;
         for rows in halves(&rows) {
             for columns in halves(&columns) {
                 if !columns.is_empty() && !rows.is_empty() {
-                    parts.push(self.blocks(columns.clone(), rows.clone()));
+                    parts[count] = self.merge(columns.clone(), rows.clone());
+                    count += 1;
                 }
             }
         }
-        let count = parts.len() as f64;
-        let middle: [f64; 2] =
-            std::array::from_fn(|axis| parts.iter().map(|part| part.1[axis]).sum::<f64>() / count);
-        let mut gram = [[0.0; FEATURES]; FEATURES];
-        for (part, at, _) in &parts {
-            let part = moved(*part, at[0] - middle[0], at[1] - middle[1]);
-            for i in 0..FEATURES {
-                for j in 0..FEATURES {
-                    gram[i][j] += part[i][j];
-                }
-            }
+        let parts = &parts[..count];
+        let middle: [f64; 2] = std::array::from_fn(|axis| {
+            parts.iter().map(|part| part.1[axis]).sum::<f64>() / count as f64
+        });
+        let mut gram = Gram::default();
+        for (part, at) in parts {
+            gram.add(&part.moved([at[0] - middle[0], at[1] - middle[1]]));
         }
-        let cut: Vec<Block> = parts.into_iter().flat_map(|part| part.2).collect();
-        let merged = reduce(&gram, self.light).filter(|merged| self.fits(merged, &cut));
-        (gram, middle, merged.map_or(cut, |merged| vec![merged]))
+        if let Some(merged) = gram.reduce(self.light)
+            && self.fits(&merged, &self.blocks[before..])
+        {
+            self.blocks.truncate(before);
+            self.blocks.push(merged);
+        }
+        (gram, middle)
     }
 
     /// Whether one model explains the block as well as a model for each of its parts.
@@ -218,123 +120,133 @@ impl Merger<'_> {
     }
 }
 
-/// The weighted combination of all tiles; `None` if no tile has enough pixels.
-pub(super) fn solve(
-    tiles: &[Tile],
-    tiling: &Tiling,
-    weighted: bool,
-    light: Light,
-    noise: NoiseGain,
-    place: [Place; 2],
-) -> Option<Solution> {
-    let mut laplacian = 0.0;
-    let grams: Vec<Gram> = tiles
-        .iter()
-        .enumerate()
-        .map(|(index, tile)| {
-            let (gram, energy) = tile.gram(index, tiling, weighted);
-            laplacian += energy;
-            gram
-        })
-        .collect();
-    let merger = Merger {
-        grams: &grams,
-        tiling,
-        light,
-        absorbed: 1.0 / noise.sampled,
-    };
-    let (whole, _, blocks) = merger.blocks(0..tiling.across(), 0..tiling.down());
-    if blocks.is_empty() {
-        return None;
-    }
-    let typical = quantile(&blocks, 0.3);
-    let mut a = [[0.0; 2]; 2];
-    let mut b = [0.0; 2];
-    let mut c = [[0.0; 2]; 2];
-    let (mut texture, mut residual, mut degrees, mut weights) = (0.0, 0.0, 0.0, 0.0);
-    let mut noise_part = [0.0; 2];
-    let mut overall = [[0.0; 3]; 3];
-    // Where the gradients' energy lies in frequency: the smoothing of the frames damps noise there.
-    let gradients = whole[F_GX][F_GX] + whole[F_GY][F_GY];
-    let variance = quantile(&blocks, 0.5) / noise.sampled / 4.0;
-    let pixels = whole[F_ONE][F_ONE];
-    let clean = |sum: f64, gain: f64| (sum - pixels * variance * gain).max(0.05 * sum);
-    let curvature = clean(laplacian, noise.laplacian)
-        / clean(gradients, noise.gradient[0] + noise.gradient[1]).max(1e-12);
-    let damped = 1.0 / (1.0 + 0.5 * curvature);
-    for block in &blocks {
-        let variance = block.variance();
-        let weight = weight_of(variance, typical);
-        let in_band = variance.max(1e-12) / noise.sampled;
-        for i in 0..2 {
-            b[i] += weight * block.difference[i];
-            for j in 0..2 {
-                a[i][j] += weight * block.gradient[i][j];
-                c[i][j] += weight * weight * in_band * damped * block.gradient[i][j];
+impl Solver {
+    /// The weighted combination of all tiles; `None` if no tile has enough pixels.
+    pub(super) fn solve(
+        &mut self,
+        tiles: &[Tile],
+        tiling: &Tiling,
+        weighted: bool,
+        light: Light,
+        noise: NoiseGain,
+    ) -> Option<Solution> {
+        let mut laplacian = 0.0;
+        self.grams.clear();
+        self.grams
+            .extend(tiles.iter().enumerate().map(|(index, tile)| {
+                let (gram, energy) = tile.gram(index, tiling, weighted);
+                laplacian += energy;
+                (gram, gram.reduce(light))
+            }));
+        self.blocks.clear();
+        let mut merger = Merger {
+            grams: &self.grams,
+            tiling,
+            light,
+            absorbed: 1.0 / noise.sampled,
+            blocks: &mut self.blocks,
+        };
+        let (whole, _) = merger.merge(0..tiling.across(), 0..tiling.down());
+        if self.blocks.is_empty() {
+            return None;
+        }
+        let blocks = &self.blocks;
+        sort_by_variance(blocks, &mut self.order);
+        let typical = quantile(&self.order, 0.3);
+        let mut a = [[0.0; 2]; 2];
+        let mut b = [0.0; 2];
+        let mut c = [[0.0; 2]; 2];
+        let (mut texture, mut residual, mut degrees, mut weights) = (0.0, 0.0, 0.0, 0.0);
+        let mut noise_part = [0.0; 2];
+        let mut overall = [[0.0; 3]; 3];
+        // Where the gradients' energy lies in frequency: the smoothing of the frames damps noise there.
+        let gradients = whole.of(F_GX, F_GX) + whole.of(F_GY, F_GY);
+        let variance = quantile(&self.order, 0.5) / noise.sampled / 4.0;
+        let pixels = whole.of(F_ONE, F_ONE);
+        let clean = |sum: f64, gain: f64| (sum - pixels * variance * gain).max(0.05 * sum);
+        let curvature = clean(laplacian, noise.laplacian)
+            / clean(gradients, noise.gradient[0] + noise.gradient[1]).max(1e-12);
+        let damped = 1.0 / (1.0 + 0.5 * curvature);
+        for block in blocks {
+            let variance = block.variance();
+            let weight = weight_of(variance, typical);
+            let in_band = variance.max(1e-12) / noise.sampled;
+            for i in 0..2 {
+                b[i] += weight * block.difference[i];
+                for j in 0..2 {
+                    a[i][j] += weight * block.gradient[i][j];
+                    c[i][j] += weight * weight * in_band * damped * block.gradient[i][j];
+                }
+                // The mean of two frames has a quarter of the variance of their difference.
+                noise_part[i] += weight * block.count * in_band / 4.0 * noise.gradient[i];
             }
-            // The mean of two frames has a quarter of the variance of their difference.
-            noise_part[i] += weight * block.count * in_band / 4.0 * noise.gradient[i];
+            weights += weight * block.count;
+            texture += weight * block.texture;
+            residual += weight * block.residual;
+            degrees += weight * block.degrees;
+            for (to, from) in overall
+                .iter_mut()
+                .flatten()
+                .zip(block.light.iter().flatten())
+            {
+                *to += weight * from;
+            }
         }
-        weights += weight * block.count;
-        texture += weight * block.texture;
-        residual += weight * block.residual;
-        degrees += weight * block.degrees;
-        for (to, from) in overall
-            .iter_mut()
-            .flatten()
-            .zip(block.light.iter().flatten())
-        {
-            *to += weight * from;
-        }
-    }
-    let (alpha, beta) = overall_light(&overall, light);
-    let determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0];
-    let step = if determinant > 1e-9 * (a[0][0] + a[1][1]).powi(2) {
-        [
-            -(a[1][1] * b[0] - a[0][1] * b[1]) / determinant,
-            -(a[0][0] * b[1] - a[1][0] * b[0]) / determinant,
-        ]
-    } else {
-        [0.0; 2]
-    };
-    // Noise adds to the sums of squared gradients, and not to what they tell.
-    let clean = [
-        [a[0][0] - noise_part[0], a[0][1]],
-        [a[1][0], a[1][1] - noise_part[1]],
-    ];
-    let floor = ((noise_part[0] + noise_part[1]) / 2.0).max(1e-9 * weights);
-    Some(Solution {
-        step,
-        covariance: sandwich(clean, c),
-        information: eigenvalues(clean).map(|value| value / floor),
-        correlation: (texture - residual / 4.0) / (texture + residual / 4.0).max(1e-12),
-        residual: (residual / degrees).sqrt(),
-        alpha,
-        beta,
-        count: pixels,
-        whiteness: if gradients > 1e-6 * pixels {
-            laplacian / gradients * (noise.gradient[0] + noise.gradient[1]) / noise.laplacian
+        let (alpha, beta) = overall_light(&overall, light);
+        let determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0];
+        let step = if determinant > 1e-9 * (a[0][0] + a[1][1]).powi(2) {
+            [
+                -(a[1][1] * b[0] - a[0][1] * b[1]) / determinant,
+                -(a[0][0] * b[1] - a[1][0] * b[0]) / determinant,
+            ]
         } else {
-            1.0
-        },
-        gain: if light.gain {
-            gain_field(&grams, tiling, light, place)
+            [0.0; 2]
+        };
+        // Noise adds to the sums of squared gradients, and not to what they tell.
+        let clean = [
+            [a[0][0] - noise_part[0], a[0][1]],
+            [a[1][0], a[1][1] - noise_part[1]],
+        ];
+        let floor = ((noise_part[0] + noise_part[1]) / 2.0).max(1e-9 * weights);
+        Some(Solution {
+            step,
+            covariance: sandwich(clean, c),
+            information: eigenvalues(clean).map(|value| value / floor),
+            correlation: (texture - residual / 4.0) / (texture + residual / 4.0).max(1e-12),
+            residual: (residual / degrees).sqrt(),
+            alpha,
+            beta,
+            count: pixels,
+            whiteness: if gradients > 1e-6 * pixels {
+                laplacian / gradients * (noise.gradient[0] + noise.gradient[1]) / noise.laplacian
+            } else {
+                1.0
+            },
+        })
+    }
+
+    /// How the gain varies, from the tiles of the last solution.
+    pub(super) fn gain_field(&self, tiling: &Tiling, light: Light, place: [Place; 2]) -> [f64; 4] {
+        if light.gain {
+            gain_field(&self.grams, tiling, place)
         } else {
             [0.0; 4]
-        },
-    })
+        }
+    }
+}
+
+/// The residual variances in order, each with the pixels that have it.
+fn sort_by_variance(blocks: &[Block], order: &mut Vec<(f64, f64)>) {
+    order.clear();
+    order.extend(blocks.iter().map(|block| (block.variance(), block.count)));
+    order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
 }
 
 /// The residual variance below which this share of the pixels lies.
-fn quantile(blocks: &[Block], share: f64) -> f64 {
-    let mut order: Vec<(f64, f64)> = blocks
-        .iter()
-        .map(|block| (block.variance(), block.count))
-        .collect();
-    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+fn quantile(order: &[(f64, f64)], share: f64) -> f64 {
     let limit = share * order.iter().map(|(_, count)| count).sum::<f64>();
     let mut seen = 0.0;
-    for (variance, count) in &order {
+    for (variance, count) in order {
         seen += count;
         if seen >= limit {
             return *variance;

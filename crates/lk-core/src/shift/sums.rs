@@ -1,24 +1,16 @@
 //! The sums over tiles that the normal equations need: products of gradients, mean and difference of the frames, and of
 //! these with a constant and with the place in the tile.
 
-#![allow(clippy::needless_range_loop, reason = "lane and matrix indices")]
+#![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
 use std::ops::Range;
 
-use super::refine::DERIVATIVE;
+use super::gram::{F_DIFFERENCE, F_GX, F_GY, F_MEAN, F_ONE, F_X, F_Y, Gram};
+use super::taps::{DERIVATIVE, RADIUS};
 use crate::frame::Plane;
-use crate::illumination::Illumination;
-use crate::simd::Kernel;
+use crate::simd::{EIGHT, Eight, Packed};
 
-/// Pixels that are summed side by side; fixed, so that no level changes the order of a sum.
-pub(super) const LANES: usize = 8;
-
-/// What varies from pixel to pixel, in this order.
-const GX: usize = 0;
-const GY: usize = 1;
-const MEAN: usize = 2;
-const DIFFERENCE: usize = 3;
-/// What is summed of each pixel: ten products of the four; each of them; each times x; each times y; the weight times
+/// What is summed of each pixel: ten products of the gradients along x and along y, the mean and the difference; each of them; each times x; each times y; the weight times
 /// 1, x, y, xx, xy, yy; the squared Laplacian.
 const PRODUCTS: usize = 0;
 const PLAIN: usize = 10;
@@ -28,45 +20,20 @@ const WEIGHT: usize = 22;
 const LAPLACIAN: usize = 28;
 const SUMS: usize = 29;
 
-/// Features of the normal equations: gradients, the light's regressors, and the difference.
-pub(super) const F_GX: usize = 0;
-pub(super) const F_GY: usize = 1;
-pub(super) const F_ONE: usize = 2;
-pub(super) const F_X: usize = 3;
-pub(super) const F_Y: usize = 4;
-pub(super) const F_MEAN: usize = 5;
-pub(super) const F_DIFFERENCE: usize = 6;
-pub(super) const FEATURES: usize = 7;
-
-/// The sums of products of all features over one tile.
-pub(super) type Gram = [[f64; FEATURES]; FEATURES];
-
 /// The sums of one tile, by lane.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Tile {
-    sums: [[f32; LANES]; SUMS],
-}
-
-/// Which features light takes.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Light {
-    /// An offset that varies linearly over the tile.
-    pub(super) offset: bool,
-    /// A gain.
-    pub(super) gain: bool,
+pub(super) struct Tile {
+    sums: [Packed; SUMS],
 }
 
-impl Light {
-    pub(super) fn new(illumination: Illumination) -> Self {
-        Self {
-            offset: illumination != Illumination::None,
-            gain: illumination == Illumination::GainOffset,
-        }
-    }
+impl Tile {
+    pub(super) const ZERO: Self = Self {
+        sums: [Packed::ZERO; SUMS],
+    };
 }
 
 /// How a region is cut into tiles.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Tiling {
     columns: Vec<usize>,
     rows: Vec<usize>,
@@ -74,19 +41,16 @@ pub(super) struct Tiling {
 }
 
 impl Tiling {
-    /// Tiles of about `size` pixels along a side, a multiple of the lanes wide except at the end.
-    pub(super) fn new(width: usize, height: usize, size: usize) -> Self {
-        let cut = |length: usize| {
+    /// Cut a region of `region` columns and rows into tiles of about `size` pixels along a side; the last ones of each
+    /// row and column may be up to half smaller or larger.
+    pub(super) fn cut(&mut self, region: [usize; 2], size: usize) {
+        for (cuts, length) in [&mut self.columns, &mut self.rows].into_iter().zip(region) {
             let count = ((length + size / 2) / size).max(1);
-            (0..=count)
-                .map(|index| if index == count { length } else { index * size })
-                .collect()
-        };
-        Self {
-            columns: cut(width),
-            rows: cut(height),
-            size: size as f32,
+            cuts.clear();
+            cuts.extend((0..count).map(|index| index * size));
+            cuts.push(length);
         }
+        self.size = size as f32;
     }
 
     pub(super) fn across(&self) -> usize {
@@ -149,188 +113,162 @@ impl Tiling {
 impl Tile {
     /// The sums in f64, and that of the squared Laplacian.
     pub(super) fn gram(&self, index: usize, tiling: &Tiling, weighted: bool) -> (Gram, f64) {
-        let total = |sum: usize| {
-            let l = &self.sums[sum];
-            f64::from(((l[0] + l[4]) + (l[1] + l[5])) + ((l[2] + l[6]) + (l[3] + l[7])))
-        };
+        let total = |sum: usize| self.sums[sum].sum();
         const PIXEL: [usize; 4] = [F_GX, F_GY, F_MEAN, F_DIFFERENCE];
-        let mut gram = [[0.0; FEATURES]; FEATURES];
+        let mut gram = Gram::default();
+        let g = &mut gram.0;
         let mut next = PRODUCTS;
         for i in 0..4 {
             for j in i..4 {
-                gram[PIXEL[i]][PIXEL[j]] = total(next);
+                g[PIXEL[i].min(PIXEL[j])][PIXEL[i].max(PIXEL[j])] = total(next);
                 next += 1;
             }
-            gram[PIXEL[i]][F_ONE] = total(PLAIN + i);
-            gram[PIXEL[i]][F_X] = total(TIMES_X + i);
-            gram[PIXEL[i]][F_Y] = total(TIMES_Y + i);
+            g[F_ONE][PIXEL[i]] = total(PLAIN + i);
+            g[F_X][PIXEL[i]] = total(TIMES_X + i);
+            g[F_Y][PIXEL[i]] = total(TIMES_Y + i);
         }
         let place = if weighted {
             std::array::from_fn(|k| total(WEIGHT + k))
         } else {
             tiling.place(index)
         };
-        gram[F_ONE][F_ONE] = place[0];
-        gram[F_ONE][F_X] = place[1];
-        gram[F_ONE][F_Y] = place[2];
-        gram[F_X][F_X] = place[3];
-        gram[F_X][F_Y] = place[4];
-        gram[F_Y][F_Y] = place[5];
-        // Each product stands once, above or below the diagonal.
-        for i in 0..FEATURES {
-            for j in 0..i {
-                let sum = gram[i][j] + gram[j][i];
-                gram[i][j] = sum;
-                gram[j][i] = sum;
-            }
-        }
+        [
+            g[F_ONE][F_ONE],
+            g[F_ONE][F_X],
+            g[F_ONE][F_Y],
+            g[F_X][F_X],
+            g[F_X][F_Y],
+            g[F_Y][F_Y],
+        ] = place;
         (gram, total(LAPLACIAN))
     }
 }
 
-/// Sum up a stripe of tiles.
+/// Sums up a stripe of tiles.
 pub(super) struct StripeSums<'a> {
-    /// The mean of both frames, with two columns of padding on the left and more on the right.
+    /// The rows of the stripe, of the mean of both frames, with [`RADIUS`] more above, below and on each side.
     pub(super) mean: &'a Plane,
+    /// The same rows of the difference, without more columns on each side.
     pub(super) difference: &'a Plane,
+    /// Of the whole region.
     pub(super) weight: Option<&'a Plane>,
     pub(super) tiling: &'a Tiling,
     pub(super) stripe: usize,
-    pub(super) tiles: &'a mut [Tile],
 }
 
-impl Kernel for StripeSums<'_> {
-    type Output = ();
+/// Which pixels of some lanes count.
+const ALL: u8 = 0;
+const SOME_LANES: u8 = 1;
+const WEIGHTED: u8 = 2;
 
+impl StripeSums<'_> {
     #[inline(always)]
-    fn run(mut self) {
+    pub(super) fn run<L: Eight>(self, tiles: &mut [Tile]) {
         let columns = &self.tiling.columns;
-        let tiles = std::mem::take(&mut self.tiles);
         for (index, tile) in tiles.iter_mut().enumerate() {
             let mut x = columns[index];
             let end = columns[index + 1];
             while x < end {
-                let inside = (end - x).min(LANES);
-                let place: [f32; LANES] =
-                    std::array::from_fn(|lane| self.tiling.x(index, x + lane));
-                if self.weight.is_none() && inside == LANES {
-                    self.column::<false>(&mut tile.sums, x, inside, &place);
+                let inside = (end - x).min(EIGHT);
+                if self.weight.is_some() {
+                    self.column::<L, WEIGHTED>(index, tile, x, inside);
+                } else if inside < EIGHT {
+                    self.column::<L, SOME_LANES>(index, tile, x, inside);
                 } else {
-                    self.column::<true>(&mut tile.sums, x, inside, &place);
+                    self.column::<L, ALL>(index, tile, x, inside);
                 }
-                x += LANES;
+                x += EIGHT;
             }
         }
     }
-}
 
-impl StripeSums<'_> {
     /// Add the lanes from column `x` on, of all rows of the stripe; `inside` of them are in the tile.
     #[inline(always)]
-    fn column<const WEIGHTED: bool>(
+    fn column<L: Eight, const COUNT: u8>(
         &self,
-        total: &mut [[f32; LANES]; SUMS],
+        index: usize,
+        tile: &mut Tile,
         x: usize,
         inside: usize,
-        place: &[f32; LANES],
     ) {
-        let height = self.mean.height() as isize;
-        let row = |y: usize, by: isize| {
-            self.mean
-                .row((y as isize + by).clamp(0, height - 1) as usize)
-        };
-        let mut products = [[0.0f32; LANES]; 10];
-        let mut plain = [[0.0f32; LANES]; 4];
-        let mut times_y = [[0.0f32; LANES]; 4];
-        let mut bent = [0.0f32; LANES];
-        let mut place_sums = [[0.0f32; LANES]; 6];
-        for y in self.tiling.rows(self.stripe) {
-            // Column x of the region is column x + 2 of the padded mean.
-            let (Some(m), Some(r), Some(a), Some(b), Some(c), Some(d)) = (
-                row(y, 0)[x..].first_chunk::<{ LANES + 4 }>(),
-                self.difference.row(y)[x..].first_chunk::<LANES>(),
-                row(y, -2)[x + 2..].first_chunk::<LANES>(),
-                row(y, -1)[x + 2..].first_chunk::<LANES>(),
-                row(y, 1)[x + 2..].first_chunk::<LANES>(),
-                row(y, 2)[x + 2..].first_chunk::<LANES>(),
-            ) else {
-                return;
-            };
-            let place_y = self.tiling.y(self.stripe, y);
-            let mut pixel = [[0.0f32; LANES]; 4];
-            let mut laplacian = [0.0f32; LANES];
-            for k in 0..LANES {
-                pixel[GX][k] =
-                    DERIVATIVE[3] * (m[k + 3] - m[k + 1]) + DERIVATIVE[4] * (m[k + 4] - m[k]);
-            }
-            for k in 0..LANES {
-                pixel[GY][k] = DERIVATIVE[3] * (c[k] - b[k]) + DERIVATIVE[4] * (d[k] - a[k]);
-            }
-            pixel[MEAN].copy_from_slice(&m[2..LANES + 2]);
-            pixel[DIFFERENCE] = *r;
-            for k in 0..LANES {
-                laplacian[k] = ((m[k + 1] + m[k + 3]) + (b[k] + c[k])) - 4.0 * m[k + 2];
-            }
-            if WEIGHTED {
-                let mut weight = [1.0f32; LANES];
-                weight[inside..].fill(0.0);
-                if let Some(plane) = self.weight {
-                    for (w, other) in weight.iter_mut().zip(&plane.row(y)[x..]) {
-                        *w *= other;
-                    }
+        let lanes = L::unpack(&Packed::first(inside));
+        let place_x = L::splat(self.tiling.x(index, x))
+            + L::splat(1.0 / self.tiling.size) * L::unpack(&Packed::STEPS);
+        let (near, far) = (L::splat(DERIVATIVE[3]), L::splat(DERIVATIVE[4]));
+        let four = L::splat(4.0);
+        let mut products = [L::zero(); 10];
+        let mut plain = [L::zero(); 4];
+        let mut times_y = [L::zero(); 4];
+        let mut bent = L::zero();
+        let mut place_sums = [L::zero(); 6];
+        let stride = self.mean.width();
+        for (local, y) in self.tiling.rows(self.stripe).enumerate() {
+            // Row `local` of the stripe is row `local + 2` of the planes, column x of the region column x + 2 of the mean.
+            let m = &self.mean.row(local + RADIUS)[x..x + EIGHT + 2 * RADIUS];
+            let at = |row: usize| L::load(self.mean.data(), (local + row) * stride + x + RADIUS);
+            let (above, below) = (at(1), at(3));
+            let (left, middle, right) = (L::load(m, 1), L::load(m, 2), L::load(m, 3));
+            let mut pixel = [
+                near * (right - left) + far * (L::load(m, 4) - L::load(m, 0)),
+                near * (below - above) + far * (at(4) - at(0)),
+                middle,
+                L::load(self.difference.row(local + RADIUS), x),
+            ];
+            let mut laplacian = ((left + right) + (above + below)) - four * middle;
+            let place_y = L::splat(self.tiling.y(self.stripe, y));
+            if COUNT == SOME_LANES {
+                for value in &mut pixel {
+                    *value = value.keep(lanes);
                 }
-                for k in 0..LANES {
-                    for value in &mut pixel {
-                        value[k] *= weight[k];
-                    }
-                    laplacian[k] *= weight[k];
+                laplacian = laplacian.keep(lanes);
+            }
+            if COUNT == WEIGHTED
+                && let Some(plane) = self.weight
+            {
+                let weight = L::load(plane.row(y), x).keep(lanes);
+                for value in &mut pixel {
+                    *value = *value * weight;
                 }
-                for k in 0..LANES {
-                    let w = weight[k];
-                    let wx = w * place[k];
-                    place_sums[0][k] += w;
-                    place_sums[1][k] += wx;
-                    place_sums[2][k] += w * place_y;
-                    place_sums[3][k] += wx * place[k];
-                    place_sums[4][k] += wx * place_y;
-                    place_sums[5][k] += w * place_y * place_y;
-                }
+                laplacian = laplacian * weight;
+                let (wx, wy) = (weight * place_x, weight * place_y);
+                place_sums[0] += weight;
+                place_sums[1] += wx;
+                place_sums[2] += wy;
+                place_sums[3] += wx * place_x;
+                place_sums[4] += wx * place_y;
+                place_sums[5] += wy * place_y;
             }
             let mut next = 0;
             for i in 0..4 {
                 for j in i..4 {
-                    for k in 0..LANES {
-                        products[next][k] += pixel[i][k] * pixel[j][k];
-                    }
+                    products[next] += pixel[i] * pixel[j];
                     next += 1;
                 }
+                plain[i] += pixel[i];
+                times_y[i] += pixel[i] * place_y;
             }
-            for i in 0..4 {
-                for k in 0..LANES {
-                    plain[i][k] += pixel[i][k];
-                }
-                for k in 0..LANES {
-                    times_y[i][k] += pixel[i][k] * place_y;
-                }
-            }
-            for k in 0..LANES {
-                bent[k] += laplacian[k] * laplacian[k];
-            }
+            bent += laplacian * laplacian;
         }
-        for k in 0..LANES {
-            for i in 0..10 {
-                total[PRODUCTS + i][k] += products[i][k];
-            }
-            for i in 0..4 {
-                total[PLAIN + i][k] += plain[i][k];
-                // A lane of a column has one x.
-                total[TIMES_X + i][k] += plain[i][k] * place[k];
-                total[TIMES_Y + i][k] += times_y[i][k];
-            }
+        let sums = &mut tile.sums;
+        for i in 0..10 {
+            add(&mut sums[PRODUCTS + i], products[i]);
+        }
+        for i in 0..4 {
+            add(&mut sums[PLAIN + i], plain[i]);
+            // A lane of a column has one x.
+            add(&mut sums[TIMES_X + i], plain[i] * place_x);
+            add(&mut sums[TIMES_Y + i], times_y[i]);
+        }
+        if COUNT == WEIGHTED {
             for i in 0..6 {
-                total[WEIGHT + i][k] += place_sums[i][k];
+                add(&mut sums[WEIGHT + i], place_sums[i]);
             }
-            total[LAPLACIAN][k] += bent[k];
         }
+        add(&mut sums[LAPLACIAN], bent);
     }
+}
+
+#[inline(always)]
+fn add<L: Eight>(to: &mut Packed, more: L) {
+    *to = (L::unpack(to) + more).pack();
 }

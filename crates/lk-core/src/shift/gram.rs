@@ -1,0 +1,149 @@
+//! The normal equations of one block of pixels: sums of products of all features, and what is left of them once light
+//! is eliminated.
+
+#![allow(clippy::needless_range_loop, reason = "matrix indices")]
+
+use crate::illumination::Illumination;
+
+/// Features: the light's regressors first, in the order in which they are eliminated, then the gradients and the
+/// difference of the frames.
+pub(super) const F_ONE: usize = 0;
+pub(super) const F_X: usize = 1;
+pub(super) const F_Y: usize = 2;
+pub(super) const F_MEAN: usize = 3;
+pub(super) const F_GX: usize = 4;
+pub(super) const F_GY: usize = 5;
+pub(super) const F_DIFFERENCE: usize = 6;
+pub(super) const FEATURES: usize = 7;
+
+/// The sums of products of all features over some pixels; each product stands once, on or above the diagonal.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Gram(pub(super) [[f64; FEATURES]; FEATURES]);
+
+/// Which features light takes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Light {
+    /// An offset that varies linearly over the tile.
+    pub(super) offset: bool,
+    /// A gain.
+    pub(super) gain: bool,
+}
+
+impl Light {
+    pub(super) fn new(illumination: Illumination) -> Self {
+        Self {
+            offset: illumination != Illumination::None,
+            gain: illumination == Illumination::GainOffset,
+        }
+    }
+}
+
+/// A block with its light eliminated.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Block {
+    pub(super) gradient: [[f64; 2]; 2],
+    pub(super) difference: [f64; 2],
+    pub(super) count: f64,
+    pub(super) degrees: f64,
+    pub(super) texture: f64,
+    /// The gain, less 1, where light takes one.
+    pub(super) gain: f64,
+    pub(super) residual: f64,
+    /// Sums of products of one, mean and difference, before anything was eliminated.
+    pub(super) light: [[f64; 3]; 3],
+}
+
+impl Block {
+    pub(super) fn variance(&self) -> f64 {
+        self.residual / self.degrees
+    }
+}
+
+impl Gram {
+    /// The sum of products of features `i` and `j`.
+    pub(super) fn of(&self, i: usize, j: usize) -> f64 {
+        self.0[i.min(j)][i.max(j)]
+    }
+
+    /// Add the sums of other pixels.
+    pub(super) fn add(&mut self, other: &Self) {
+        for i in 0..FEATURES {
+            for j in i..FEATURES {
+                self.0[i][j] += other.0[i][j];
+            }
+        }
+    }
+
+    /// The sums with x and y counted from a point `by` further back.
+    pub(super) fn moved(mut self, by: [f64; 2]) -> Self {
+        let [dx, dy] = by;
+        let one = self.0[F_ONE];
+        let g = &mut self.0;
+        g[F_X][F_X] += 2.0 * dx * one[F_X] + dx * dx * one[F_ONE];
+        g[F_X][F_Y] += dx * one[F_Y] + dy * one[F_X] + dx * dy * one[F_ONE];
+        g[F_Y][F_Y] += 2.0 * dy * one[F_Y] + dy * dy * one[F_ONE];
+        for j in F_MEAN..FEATURES {
+            g[F_X][j] += dx * one[j];
+            g[F_Y][j] += dy * one[j];
+        }
+        g[F_ONE][F_X] += dx * one[F_ONE];
+        g[F_ONE][F_Y] += dy * one[F_ONE];
+        self
+    }
+
+    /// Take `pivot` out of all features after it; `size` is its sum of squares before anything was taken out.
+    fn eliminate(&mut self, pivot: usize, size: f64) -> bool {
+        let row = self.0[pivot];
+        // Below this share the feature is a combination of those before it, up to rounding.
+        if row[pivot] <= 1e-7 * size || row[pivot] <= 0.0 {
+            return false;
+        }
+        let inverse = 1.0 / row[pivot];
+        for i in pivot + 1..FEATURES {
+            let factor = row[i] * inverse;
+            for j in i..FEATURES {
+                self.0[i][j] -= factor * row[j];
+            }
+        }
+        true
+    }
+
+    /// The block with its light eliminated; `None` if too few pixels are left over.
+    pub(super) fn reduce(&self, light: Light) -> Option<Block> {
+        let whole = &self.0;
+        let mut left = *self;
+        let count = whole[F_ONE][F_ONE];
+        let mut degrees = count - 2.0;
+        let mut texture =
+            whole[F_MEAN][F_MEAN] - whole[F_ONE][F_MEAN] * whole[F_ONE][F_MEAN] / count;
+        if light.offset {
+            for pivot in [F_ONE, F_X, F_Y] {
+                degrees -= f64::from(u8::from(left.eliminate(pivot, whole[pivot][pivot])));
+            }
+            texture = left.0[F_MEAN][F_MEAN];
+        }
+        let mut gain = 0.0;
+        if light.gain {
+            gain = left.0[F_MEAN][F_DIFFERENCE] / left.0[F_MEAN][F_MEAN].max(1e-12);
+            degrees -= f64::from(u8::from(left.eliminate(F_MEAN, whole[F_MEAN][F_MEAN])));
+        }
+        if degrees < 4.0 {
+            return None;
+        }
+        let left = &left.0;
+        const LIGHT: [usize; 3] = [F_ONE, F_MEAN, F_DIFFERENCE];
+        Some(Block {
+            gradient: [
+                [left[F_GX][F_GX], left[F_GX][F_GY]],
+                [left[F_GX][F_GY], left[F_GY][F_GY]],
+            ],
+            difference: [left[F_GX][F_DIFFERENCE], left[F_GY][F_DIFFERENCE]],
+            count,
+            degrees,
+            texture: texture.max(0.0),
+            gain,
+            residual: left[F_DIFFERENCE][F_DIFFERENCE].max(0.0),
+            light: LIGHT.map(|i| LIGHT.map(|j| self.of(i, j))),
+        })
+    }
+}
