@@ -46,21 +46,12 @@ def test_real_motion_is_within_one_percent_in_every_row() -> None:
     np.testing.assert_allclose(at_two, [0.1128, 0.3607, 0.1328, 0.2314], atol=1e-4)
 
 
-@pytest.mark.parametrize("name", ["brighter, compensated", "steady light", "gain 0.8"])
+@pytest.mark.parametrize("name", ["brighter, compensated", "steady light", "gain 0.8", "ramp 0.7 to 1.0"])
 def test_displacements_without_noise_are_within_two_hundredths(name: str) -> None:
     table = synthetic_motion(reproduce.photographs(), CONDITION[name])
     assert table.measured_px.shape == (4, 39, 2)
     assert np.isfinite(table.measured_px).all()
     assert table.errors_px.max() <= 0.02
-
-
-def test_displacements_under_a_ramp() -> None:
-    # A gain that varies over the window is not quite within the lighting model: the camera man's coat, one strong edge
-    # in a flat window, is worst.
-    table = synthetic_motion(reproduce.photographs(), CONDITION["ramp 0.7 to 1.0"])
-    assert np.isfinite(table.measured_px).all()
-    assert np.quantile(table.errors_px, 0.95) <= 0.02
-    assert table.errors_px.max() <= 0.03
 
 
 def test_noise_costs_little() -> None:

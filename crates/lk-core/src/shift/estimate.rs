@@ -1,6 +1,6 @@
 //! From the start at a coarse level down to the displacement, and whether to believe it.
 
-use super::refine::{GainField, Look, REACH, gain_left, look};
+use super::refine::{GainField, Look, REACH, gain_field, look};
 use super::scratch::Scratch;
 use super::solve::{Solution, eigenvalues};
 use super::start::{Start, best_start};
@@ -14,6 +14,12 @@ const MAX_SIGMA: f64 = 0.2;
 const MAX_GAIN: f64 = 16.0;
 /// Side of a tile at a coarse level, in its pixels.
 const COARSE_TILE: usize = 8;
+/// A step above this, in pixels, changes what the tiles say about the gain.
+const GAIN_SETTLED: f64 = 2e-3;
+/// The gain is fitted at most so often at a level: then it stands, so that the displacement can settle.
+const GAIN_FITS: usize = 2;
+/// After so many looks tiles are no longer merged anew, so that the displacement can settle.
+const FREE_LOOKS: usize = 5;
 /// The iteration has settled once a step is below this, in pixels.
 const SETTLED: f64 = 1e-4;
 /// The same at a coarse level, in its pixels.
@@ -73,8 +79,9 @@ impl Scratch {
             let mut whole = displacement.map(f64::round);
             let mut before: Option<[f64; 2]> = None;
             let mut steady = false;
+            let mut fits = 0;
             let mut last = None;
-            for _ in 0..if finest { 20 } else { 6 } {
+            for index in 0..if finest { 20 } else { 6 } {
                 for (whole, exact) in whole.iter_mut().zip(displacement) {
                     if (exact - *whole).abs() > REACH {
                         *whole = exact.round();
@@ -87,6 +94,7 @@ impl Scratch {
                     illumination: options.illumination,
                     gain,
                     tile: if finest { inputs.tile } else { COARSE_TILE },
+                    hold: index >= FREE_LOOKS,
                 };
                 let Some(solution) = look(inputs.pair(level), how, workspace, &options.execution)?
                 else {
@@ -100,14 +108,9 @@ impl Scratch {
                 }
                 steady = length * left < if finest { SETTLED } else { COARSE_SETTLED };
                 last = Some((solution, gain));
-                if length < 0.2 && before.is_none() {
-                    for (to, more) in
-                        gain.0
-                            .iter_mut()
-                            .zip(gain_left(inputs.pair(level), how, workspace))
-                    {
-                        *to += more;
-                    }
+                if length < 0.2 && fits < GAIN_FITS && (fits == 0 || length > GAIN_SETTLED) {
+                    fits += 1;
+                    gain = gain_field(inputs.pair(level), how, workspace);
                 }
                 before = (length < 0.2).then_some(solution.step);
                 if steady {

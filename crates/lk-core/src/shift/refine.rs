@@ -45,6 +45,8 @@ pub(super) struct Look {
     pub(super) gain: GainField,
     /// Pixels along a side of a tile.
     pub(super) tile: usize,
+    /// Whether tiles that the last look kept apart stay apart.
+    pub(super) hold: bool,
 }
 
 /// A gain that varies with place and grey level: `next - prev = (c0 + c1 x + c2 y + c3 m / 2) m`, with m the mean of
@@ -122,16 +124,16 @@ pub(super) fn look(
         },
     )?;
     let light = Light::new(how.illumination);
-    Ok(solver.solve(tiles, tiling, weighted, light, noise_gain(&view.taps)))
+    let noise = noise_gain(&view.taps);
+    Ok(solver.solve(tiles, tiling, weighted, light, noise, how.hold))
 }
 
-/// How the gain varies over the window, beyond what the last look took out, as that look saw it.
-pub(super) fn gain_left(pair: Pair<'_>, how: Look, workspace: &Workspace) -> [f64; 4] {
+/// How the gain varies over the window, as the last look saw it; none if it varies in another way.
+pub(super) fn gain_field(pair: Pair<'_>, how: Look, workspace: &Workspace) -> GainField {
     let light = Light::new(how.illumination);
-    View::new(pair, how).map_or([0.0; 4], |view| {
-        workspace
-            .solver
-            .gain_field(&workspace.tiling, light, view.place)
+    View::new(pair, how).map_or(GainField::default(), |view| {
+        let Workspace { tiling, solver, .. } = workspace;
+        GainField(solver.gain_field(tiling, light, view.place, how.gain.0))
     })
 }
 

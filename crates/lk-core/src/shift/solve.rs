@@ -54,6 +54,8 @@ pub(super) struct Solver {
     /// The blocks that the window is best cut into.
     blocks: Vec<Block>,
     order: Vec<(f64, f64)>,
+    /// Which of the blocks that were tried are one, in the order in which they are tried.
+    merged: Vec<bool>,
 }
 
 /// Merges blocks of tiles as long as one model of the light fits them.
@@ -64,6 +66,12 @@ struct Merger<'a> {
     /// Sum of squares that one more unknown takes out of filtered white noise of unit variance.
     absorbed: f64,
     blocks: &'a mut Vec<Block>,
+    /// Of the last look: see `Solver`.
+    merged: &'a mut Vec<bool>,
+    /// Blocks tried so far.
+    tried: usize,
+    /// Whether a block that was cut stays cut.
+    hold: bool,
 }
 
 impl Merger<'_> {
@@ -79,6 +87,8 @@ impl Merger<'_> {
             [range.start..middle, middle..range.end]
         };
         let before = self.blocks.len();
+        let number = self.tried;
+        self.tried += 1;
         let mut parts = [(Gram::default(), [0.0; 2]); 4];
         let mut count = 0;
         for rows in halves(&rows) {
@@ -97,11 +107,15 @@ impl Merger<'_> {
         for (part, at) in parts {
             gram.add(&part.moved([at[0] - middle[0], at[1] - middle[1]]));
         }
-        if let Some(merged) = gram.reduce(self.light)
+        if (!self.hold || self.merged[number])
+            && let Some(merged) = gram.reduce(self.light)
             && self.fits(&merged, &self.blocks[before..])
         {
             self.blocks.truncate(before);
             self.blocks.push(merged);
+            self.merged[number] = true;
+        } else {
+            self.merged[number] = false;
         }
         (gram, middle)
     }
@@ -129,6 +143,7 @@ impl Solver {
         weighted: bool,
         light: Light,
         noise: NoiseGain,
+        hold: bool,
     ) -> Option<Solution> {
         let mut laplacian = 0.0;
         self.grams.clear();
@@ -139,12 +154,18 @@ impl Solver {
                 (gram, gram.reduce(light))
             }));
         self.blocks.clear();
+        // A tree has fewer branchings than leaves.
+        let hold = hold && self.merged.len() == tiles.len();
+        self.merged.resize(tiles.len(), false);
         let mut merger = Merger {
             grams: &self.grams,
             tiling,
             light,
             absorbed: 1.0 / noise.sampled,
             blocks: &mut self.blocks,
+            merged: &mut self.merged,
+            tried: 0,
+            hold,
         };
         let (whole, _) = merger.merge(0..tiling.across(), 0..tiling.down());
         if self.blocks.is_empty() {
@@ -225,10 +246,16 @@ impl Solver {
         })
     }
 
-    /// How the gain varies, from the tiles of the last solution.
-    pub(super) fn gain_field(&self, tiling: &Tiling, light: Light, place: [Place; 2]) -> [f64; 4] {
+    /// How the gain varies, from the tiles of the last solution, whose differences are rid of the field `known`.
+    pub(super) fn gain_field(
+        &self,
+        tiling: &Tiling,
+        light: Light,
+        place: [Place; 2],
+        known: [f64; 4],
+    ) -> [f64; 4] {
         if light.gain {
-            gain_field(&self.grams, tiling, place)
+            gain_field(&self.grams, tiling, place, known)
         } else {
             [0.0; 4]
         }
