@@ -299,6 +299,35 @@ def test_height_and_focal_length_enter_the_covariance() -> None:
     assert estimator.update(f.images[1], 0.0).budget() == "no velocity: time not increasing"
 
 
+def test_noise_of_the_gyro_enters_the_covariance() -> None:
+    """Over level ground a wrong turn is the height times the rate; and with noisy rates the covariance still covers."""
+    std = 0.05
+    f = flight(frames=2, velocity_m_s=(0.08, -0.06, 0.0), sensor=QUIET, seed=15)
+    (v,) = velocities(f, rate=True, rate_std_rad_s=std)
+    assert set(v.parts) == {"displacement", "height", "gyro"}
+    # Off the axis a turn moves the picture by 1 + x^2 of that in the middle: 1.06 on average over this view.
+    np.testing.assert_allclose(np.sqrt(np.diag(v.parts["gyro"]))[:2], 1.05 * 0.2 * std, rtol=0.03)
+    assert "gyro" in v.budget()
+    assert "gyro" not in velocities(f, rate_std_rad_s=std)[0].parts
+    rng = np.random.default_rng(23)
+    normalised = []
+    for seed in range(8):
+        f = flight(
+            WIDE, frames=6, velocity_m_s=(*rng.uniform(-0.1, 0.1, 2), 0.0), rate_rad_s=rng.uniform(-0.4, 0.4, 3),
+            sensor=QUIET, seed=300 + seed,
+        )  # fmt: skip
+        estimator = VelocityEstimator(f.camera, height_m=float(f.height_m[0]), rate_std_rad_s=std)
+        for k, frame in enumerate(f):
+            rate = None if k == 0 else f.rate_rad_s[k] + rng.normal(0, std, 3)
+            v = estimator.update(frame.image, frame.t_s, down=f.down[k], rate_rad_s=rate)
+            if k > 0:
+                normalised.append((vector(v) - f.velocity_m_s[k])[:2] / np.sqrt(np.diag(v.covariance))[:2])
+    z = np.abs(normalised)
+    # 80 samples: limits of two standard errors around 68 and 95 %.
+    assert 0.57 <= (z < 1).mean() <= 0.79, (z < 1).mean()
+    assert (z < 2).mean() >= 0.90, (z < 2).mean()
+
+
 def test_standing_still_is_measured_not_assumed() -> None:
     f = flight(frames=4, velocity_m_s=(0.0, 0.0, 0.0), sensor=Sensor(noise=2.0), seed=16)
     for v in velocities(f):
@@ -365,6 +394,7 @@ def test_camera_that_looks_along_the_ground_sees_none() -> None:
     [
         ({"height_m": 0.0}, "height_m is 0.0, expected a length in metres above 0"),
         ({"height_m": float("nan")}, "height_m is nan"),
+        ({"rate_std_rad_s": float("nan")}, r"rate_std_rad_s is nan, expected a rate of 0 or more"),
         ({"height_std_m": -1.0}, "height_std_m is -1.0, expected a length of 0 or more"),
         ({"R_body_from_camera": np.eye(2)}, r"R_body_from_camera is .*, expected a \(3, 3\) rotation"),
         ({"R_body_from_camera": np.diag([1, 1, -1])}, "determinant 1"),

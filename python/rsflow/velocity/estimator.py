@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,9 @@ class VelocityEstimator:
         Perpendicular distance from the ground plane, where it is constant.
     height_std_m : float
         Standard deviation of the heights or ranges.
+    rate_std_rad_s : float
+        Standard deviation of each axis of the rates that `update` gets, as means over an interval: over level ground
+        the height times this enters the deviation of the velocity.
     R_body_from_camera : (3, 3) array_like
         Rotation from the camera's axes to the body's.
     lever_arm_m : (3,) array_like
@@ -66,6 +70,7 @@ class VelocityEstimator:
         *,
         height_m: float | None = None,
         height_std_m: float = 0.0,
+        rate_std_rad_s: float = 0.0,
         R_body_from_camera: ArrayLike | None = None,
         lever_arm_m: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
@@ -73,9 +78,8 @@ class VelocityEstimator:
             raise DTypeError(f"VelocityEstimator: camera is {type(camera).__name__}, expected rsflow.Camera")
         self.camera = camera
         self.height_m = None if height_m is None else _positive("height_m", height_m)
-        self.height_std_m = float(height_std_m)
-        if not (np.isfinite(self.height_std_m) and self.height_std_m >= 0):
-            raise OptionError(f"VelocityEstimator: height_std_m is {height_std_m!r}, expected a length of 0 or more")
+        self.height_std_m = _deviation("height_std_m", height_std_m, "a length")
+        self.rate_std_rad_s = _deviation("rate_std_rad_s", rate_std_rad_s, "a rate")
         turn = np.eye(3) if R_body_from_camera is None else np.asarray(R_body_from_camera, dtype=np.float64)
         if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
             raise OptionError(
@@ -236,6 +240,8 @@ class VelocityEstimator:
         common = np.array([_COMMON_PX / self.camera.fx, _COMMON_PX / self.camera.fy, 0.0])
         displacement = fit.covariance + np.diag((common * interval.height_m / interval.dt_s) ** 2)
         parts = {"displacement": displacement, **self._parts(self._rays(flow), spread, interval, fit, height_std)}
+        if rate is not None and self.rate_std_rad_s > 0:
+            parts["gyro"] = self._gyro(self._rays(flow), spread, interval, fit)
         R = self.R_body_from_camera
         # An infinite variance of Vz must stay infinite, and must not make NaN of the others, under the rotation.
         parts = {name: _rotated(R, part) for name, part in parts.items()}
@@ -320,6 +326,16 @@ class VelocityEstimator:
             parts[title] = total
         return parts
 
+    def _gyro(self, rays: F64, spread: F64, interval: plane.Interval, fit: plane.PlaneFit) -> F64:
+        """Find what the noise of the rate, alike about each axis, gives to the covariance in the camera's axes."""
+        here = self._speeds(rays, spread, interval, fit)
+        total = np.zeros((3, 3))
+        for turn in np.eye(3) * (self.rate_std_rad_s * interval.dt_s):
+            other = dataclasses.replace(interval, turn=interval.turn + turn)
+            change = np.nan_to_num(self._speeds(rays, spread, other, fit) - here)
+            total += np.outer(change, change)
+        return total
+
 
 # The fewest points that a velocity is fitted to: twice the unknowns of the largest model, and a few to judge it by.
 _LEAST_POINTS = 6
@@ -346,6 +362,13 @@ def _positive(name: str, value: float) -> float:
     number = float(value)
     if not (np.isfinite(number) and number > 0):
         raise OptionError(f"VelocityEstimator: {name} is {value!r}, expected a length in metres above 0")
+    return number
+
+
+def _deviation(name: str, value: float, of: str) -> float:
+    number = float(value)
+    if not (np.isfinite(number) and number >= 0):
+        raise OptionError(f"VelocityEstimator: {name} is {value!r}, expected {of} of 0 or more")
     return number
 
 

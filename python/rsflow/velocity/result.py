@@ -67,7 +67,8 @@ class Velocity:
         Velocity of the body's origin: the camera's, less what the body's rate makes of the lever arm. NaN where that
         needs a rate which was not given.
     parts : mapping of str to (3, 3) float64
-        What `covariance` is the sum of: "displacement", "height", "focal length", "principal point".
+        What `covariance` is the sum of: "displacement", "height", "focal length", "principal point",
+        "gyro".
     """
 
     t_s: float
