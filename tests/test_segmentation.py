@@ -119,6 +119,50 @@ LIGHTS = {
 }
 
 
+def depth_scene(frames: int, nearer: float, seed: int = 4) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
+    """A camera that travels over ground with stones on it that are `nearer`, and a disk that moves across its way."""
+    rng = np.random.default_rng(seed)
+    places = [(40, 30), (110, 40), (170, 110), (60, 120), (200, 30)]
+    images, masks = [], []
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+    for k in range(frames):
+        image = cv2.remap(GROUND, x + 250 + 2.0 * k, y + 250 + 0.4 * k, cv2.INTER_CUBIC)
+        stones = np.zeros(image.shape, bool)
+        for number, (cx, cy) in enumerate(places):
+            at_x, at_y = x - cx + nearer * 2.0 * k, y - cy + nearer * 0.4 * k
+            stone = (np.abs(at_x) < 14) & (np.abs(at_y) < 11)
+            image[stone] = cv2.remap(THING, at_x + 60 + 60 * number, at_y + 200, cv2.INTER_CUBIC)[stone]
+            stones |= stone
+        dx, dy = x - 120 + 2.0 * k, y - 105 + 3.0 * k
+        mask = (dx / 15) ** 2 + (dy / 15) ** 2 <= 1
+        image[mask] = cv2.remap(THING, dx + 300, dy + 300, cv2.INTER_CUBIC)[mask]
+        images.append(np.clip(image + rng.normal(0, 1, image.shape), 0, 255).round().astype(np.uint8))
+        masks.append(mask)
+    return images, masks, stones
+
+
+def test_what_stands_nearer_than_the_ground_does_not_move() -> None:
+    images, masks, stones = depth_scene(8, nearer=2.0)
+    assert 0.08 < stones.mean() < 0.1
+    segmenter = MotionSegmenter(camera_motion="moving")
+    results = [segmenter.update(image) for image in images]
+    wrong = []
+    for result, mask in zip(results[2:], masks[2:], strict=True):
+        assert result.parallax
+        near = cv2.dilate(mask.astype(np.uint8), np.ones((15, 15))).astype(bool)
+        assert np.count_nonzero(result.moving & mask) > 0.8 * np.count_nonzero(mask)
+        wrong.append((result.moving & ~near).mean())
+    print(np.round(wrong, 3))
+    # Without a look at parallax all stones move; with it, some of their edges, where flow is of neither side.
+    assert np.mean(wrong) < 0.03
+
+
+def test_one_thing_that_moves_is_not_parallax() -> None:
+    images, _ = scene(5, camera=(2.3, -1.2))
+    segmenter = MotionSegmenter(camera_motion="moving")
+    assert not any(segmenter.update(image).parallax for image in images)
+
+
 @pytest.mark.parametrize("mode", ["static", "moving"])
 @pytest.mark.parametrize("light", LIGHTS)
 def test_changing_light_alone_moves_nothing(light: str, mode: str) -> None:
@@ -311,6 +355,25 @@ def test_numbers_last_while_things_pass_each_other_and_vanish() -> None:
         assert tracker.update(np.zeros((60, 100), bool)) == ()
     (new,) = tracker.update(disks((60, 100), (90, 20)))
     assert new.id == 3, "a number is never used twice"
+
+
+def test_what_flickers_up_in_one_frame_has_no_number() -> None:
+    tracker = ObjectTracker(min_area=10, min_age=2)
+    assert [thing.id for thing in tracker.update(disks((60, 100), (20, 20)))] == [1], "nothing is known before"
+    things = tracker.update(disks((60, 100), (20, 20), (60, 30)))
+    assert [(thing.id, thing.age) for thing in things] == [(1, 2)]
+    assert set(np.unique(tracker.labels)) == {0, 1}
+    # The flicker at (60, 30) is gone; another one stays.
+    assert len(tracker.update(disks((60, 100), (20, 20), (80, 50)))) == 1
+    things = tracker.update(disks((60, 100), (20, 20), (80, 50)))
+    assert [(thing.id, thing.age) for thing in things] == [(1, 4), (2, 2)]
+
+
+def test_a_region_that_becomes_another_has_no_velocity_of_its_centre() -> None:
+    tracker = ObjectTracker()
+    tracker.update(disks((60, 100), (20, 30)))
+    (thing,) = tracker.update(disks((60, 100), (20, 30), (28, 30), (36, 30)))
+    assert np.isnan(thing.vx)
 
 
 def test_without_motion_the_way_of_the_centre_is_the_velocity() -> None:

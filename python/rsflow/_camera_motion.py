@@ -143,8 +143,10 @@ def fit(points: F64, vectors: F64) -> CameraMotion:
     name, _, model, residual = fits[int(np.argmin(evidence))]
     to_unit = np.array([[1 / size, 0, -centre[0] / size], [0, 1 / size, -centre[1] / size], [0, 0, 1]])
     homography = np.linalg.inv(to_unit) @ model @ to_unit
+    homography /= homography[2, 2]
     sigma = _sigma(residual)
-    return CameraMotion(homography / homography[2, 2], name, sigma, float(np.mean((residual / sigma) ** 2 < _BOUND)))
+    follows = (residual / sigma) ** 2 < _BOUND
+    return CameraMotion(homography, name, sigma, float(np.mean(follows)))
 
 
 def _robust(p: F64, q: F64, start: F64, solve: Callable[[F64, F64, F64], F64], size: float) -> F64:

@@ -74,6 +74,12 @@ class Reduction:
         out: F64 = np.linalg.inv(up) @ full @ up
         return out
 
+    def point(self, full: F64) -> F64:
+        """Bring a homogeneous point of full frames to reduced pixels."""
+        shift = (self.factor - 1) / 2
+        x, y, w = full
+        return np.array([(x - shift * w) / self.factor, (y - shift * w) / self.factor, w])
+
     def enlarged(self, mask: Mask) -> Mask:
         """Enlarge a mask, its outline smoothed."""
         import cv2

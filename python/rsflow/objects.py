@@ -39,6 +39,9 @@ OBJECT_COLUMNS = (
 
 # Share of a region's pixels whose motion must be known for their median to be its motion.
 _ENOUGH_MOTION = 0.3
+# A region whose area changes by more than this factor from frame to frame has become another: the way of its centre is
+# not its motion.
+_OTHER_SHAPE = 1.4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +60,7 @@ class TrackedObject:
         Its number of pixels.
     vx, vy : float
         Its motion against the still surroundings in pixels per frame: the median over its pixels, or where few of
-        them have a known motion the way of its centre; NaN in its first frame then.
+        them have a known motion the way of its centre; NaN in its first frame then, and where it changed its shape.
     age : int
         For how many frames it has been seen, this one included.
     """
@@ -70,6 +73,10 @@ class TrackedObject:
     vx: float
     vy: float
     age: int
+
+
+# The number of a region that is not listed yet.
+_UNNUMBERED = 0
 
 
 @dataclasses.dataclass
@@ -94,6 +101,9 @@ class ObjectTracker:
         Regions of fewer pixels are left out.
     max_missed : int
         For how many frames a track lives without a region.
+    min_age : int
+        In how many frames in a row a region must be seen before it gets a number and is listed: what flickers up in one
+        frame is noise. The regions of the very first mask are listed at once.
 
     Attributes
     ----------
@@ -117,11 +127,14 @@ class ObjectTracker:
     (1, 3, 19.5, 3.0)
     """
 
-    def __init__(self, *, min_area: int = 1, max_missed: int = 5) -> None:
-        if min_area < 1 or max_missed < 0:
-            raise OptionError(f"min_area must be from 1 and max_missed from 0, got {min_area} and {max_missed}")
+    def __init__(self, *, min_area: int = 1, max_missed: int = 5, min_age: int = 1) -> None:
+        for name, value, least in (("min_area", min_area, 1), ("max_missed", max_missed, 0), ("min_age", min_age, 1)):
+            if value < least:
+                raise OptionError(f"{name} must be from {least}, got {value!r}")
         self.min_area = min_area
         self.max_missed = max_missed
+        self.min_age = min_age
+        self._started = False
         self._tracks: list[_Track] = []
         self._next_id = 1
         self.labels: NDArray[np.int32] = np.zeros((0, 0), np.int32)
@@ -163,22 +176,29 @@ class ObjectTracker:
         numbers = np.zeros(len(stats), np.int32)
         places = self._associate(labels, stats, regions, camera_motion)
         out, tracks = [], []
+        min_age = self.min_age if self._started else 1
+        self._started = True
         for label in regions:
             left, top, width, height, area = (int(n) for n in stats[label])
             region = labels[top : top + height, left : left + width] == label
             track = places.get(label)
             velocity = _velocity(region, (left, top), motion, track, centres[label], camera_motion)
             if track is None:
-                track = _Track(self._next_id, region, (left, top), velocity, 0)
+                track = _Track(_UNNUMBERED, region, (left, top), velocity, 0)
+            age = track.age + 1
+            number = track.id
+            if number == _UNNUMBERED and age >= min_age:
+                number = self._next_id
                 self._next_id += 1
             known = np.isfinite(velocity).all()
-            numbers[label] = track.id
-            tracks.append(_Track(track.id, region, (left, top), velocity if known else track.velocity, track.age + 1))
-            x, y = (float(n) for n in centres[label])
-            out.append(TrackedObject(track.id, x, y, (left, top, width, height), area, *velocity, tracks[-1].age))
+            numbers[label] = number
+            tracks.append(_Track(number, region, (left, top), velocity if known else track.velocity, age))
+            if number != _UNNUMBERED:
+                x, y = (float(n) for n in centres[label])
+                out.append(TrackedObject(number, x, y, (left, top, width, height), area, *velocity, age))
         seen = {track.id for track in tracks}
         for track in self._tracks:
-            if track.id not in seen and track.missed < self.max_missed:
+            if track.id not in seen and track.id != _UNNUMBERED and track.missed < self.max_missed:
                 track.origin = self._predicted(track, camera_motion)
                 track.missed += 1
                 tracks.append(track)
@@ -203,7 +223,7 @@ class ObjectTracker:
         regions: list[int],
         camera_motion: NDArray[np.float64] | None,
     ) -> dict[int, _Track]:
-        """Which track each region continues: pairs by overlap with the prediction, the largest first."""
+        """Which track each region continues: pairs by overlap with the prediction over both, the largest first."""
         pairs = []
         height, width = labels.shape
         for number, track in enumerate(self._tracks):
@@ -216,12 +236,14 @@ class ObjectTracker:
             found, counts = np.unique(labels[rows, columns][inside], return_counts=True)
             for label, count in zip(found.tolist(), counts.tolist(), strict=True):
                 if label in regions:
-                    share = count / min(int(track.mask.sum()), int(stats[label, 4]))
-                    pairs.append((-share, -track.age, number, label))
+                    area, other = int(track.mask.sum()), int(stats[label, 4])
+                    if count > 0.1 * min(area, other):
+                        # The likest, so that a thing keeps its number beside fragments that it once was in.
+                        pairs.append((-count / (area + other - count), -track.age, number, label))
         places: dict[int, _Track] = {}
         taken: set[int] = set()
-        for share, _, number, label in sorted(pairs):
-            if number not in taken and label not in places and -share > 0.1:
+        for _, _, number, label in sorted(pairs):
+            if number not in taken and label not in places:
                 taken.add(number)
                 places[label] = self._tracks[number]
         return places
@@ -244,6 +266,9 @@ def _velocity(
     if track is None or track.missed:
         return np.nan, np.nan
     rows, columns = np.nonzero(track.mask)
+    area = np.count_nonzero(region)
+    if not area / _OTHER_SHAPE <= len(rows) <= area * _OTHER_SHAPE:
+        return np.nan, np.nan
     x, y = track.origin[0] + columns.mean(), track.origin[1] + rows.mean()
     if camera_motion is not None:
         mapped = camera_motion @ (x, y, 1.0)

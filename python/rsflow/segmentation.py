@@ -8,16 +8,18 @@ that may change, gives the outline.
 
 from __future__ import annotations
 
-import dataclasses
+import math
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from . import _camera_motion, _drawing
+from . import _camera_motion, _parallax
 from . import _motion_evidence as evidence
 from . import _regions as regions
 from ._background import Background, warped
-from ._light import fit_light, relit
+from ._light import fit_light
+from ._motion_segmentation import MotionSegmentation
+from ._outline import Outline, shows_background
 from ._reduction import Reduction
 from .errors import DTypeError, OptionError, ShapeError
 from .flow import DenseFlow, Illumination, Preset
@@ -39,142 +41,21 @@ _VECTOR_STEP = 12
 # The frame is divided into so many tiles along each side, and each gives at most so many vectors.
 _TILES = 8
 _VECTORS_A_TILE = 8
+# Parallax is looked for among about so many vectors.
+_PARALLAX_VECTORS = 3000
 # Motion below this many pixels per frame is not told from rest.
 _LEAST_MOTION_PX = 0.4
-# A difference from the background of this many mean squares (see `mismatch`) is one; a weaker one only beside it.
-_STRONG_OUTLINE = 20.0
-_WEAK_OUTLINE = 8.0
-# With a static camera, for how many frames after it moved a thing that differs from the background is still moving.
-_MEMORY_FRAMES = 20
 # The smallest region, as a share of the frame, and in pixels.
 _LEAST_SHARE = 1e-4
 _LEAST_AREA = 12
+# What is seen in one frame alone is noise.
+_LEAST_AGE = 2
+# A background of fewer frames may still hold what moves.
+_TRUSTED_BACKGROUND = 5
 # The noise of a camera rises at most by this factor from frame to frame.
 _SPREAD_RISE = 1.1
-# Share of a frame in the usual variance of a pixel's difference: it remembers twenty frames.
-_LEARNING_RATE = 0.05
 # Quantisation: the standard deviation of rounding to whole levels.
 _ROUNDING = 0.29
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class MotionSegmentation:
-    """What moves in one frame.
-
-    Attributes
-    ----------
-    image : (H, W) array
-        The frame.
-    moving : (H, W) bool
-        True where something moves against the still surroundings.
-    residual : (H, W) float32
-        Length of the motion that the camera's does not explain, in pixels per frame; NaN where it is unknown.
-    camera_motion : (3, 3) float64
-        Homography from the pixels of the previous frame to this one's: the camera's motion as the picture shows it.
-    camera_model : str
-        ``"translation"``, ``"similarity"``, ``"affine"`` or ``"homography"``, the simplest that explains it;
-        ``"static"`` for a static camera, ``"none"`` where it could not be fitted.
-    objects : tuple of TrackedObject
-        The regions of `moving` with their numbers, which last over the frames.
-    labels : (H, W) int32
-        The number of the object at each pixel, 0 for none.
-    background : (H, W) float32
-        The frame without what moves, in its own light: a temporal median; NaN where nothing is known yet.
-    status : str
-        ``"ok"``; ``"first_frame"``, with nothing to compare to; ``"no_camera_motion"`` where the flow does not tell the
-        camera's motion. In the last two nothing is moving.
-    """
-
-    image: NDArray[Any]
-    moving: Mask
-    residual: F32
-    camera_motion: F64
-    camera_model: str
-    objects: tuple[TrackedObject, ...]
-    labels: NDArray[np.int32]
-    background: F32
-    status: str
-
-    @property
-    def valid(self) -> bool:
-        """Whether the frame could be compared with the one before."""
-        return self.status == "ok"
-
-    def moving_view(self, picture: NDArray[Any] | None = None, *, boxes: bool = True) -> NDArray[np.uint8]:
-        """Draw what moves, in its own light, before the darkened rest.
-
-        Parameters
-        ----------
-        picture : ndarray, optional
-            The frame in colour, to draw on instead of `image`.
-        boxes : bool
-            Whether each object has its box, number, and an arrow of ten times its motion.
-
-        Returns
-        -------
-        ndarray of uint8, (height, width, 3)
-            Blue, green, red.
-
-        Raises
-        ------
-        ShapeError
-            If the picture is not of the frame's size.
-        """
-        import cv2
-
-        shown = self._canvas(picture)
-        grey = cv2.convertScaleAbs(cv2.cvtColor(shown, cv2.COLOR_BGR2GRAY), alpha=0.35)
-        out: NDArray[np.uint8] = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-        cv2.copyTo(shown, self.moving.view(np.uint8), out)
-        if boxes:
-            self._draw_boxes(out)
-        return out
-
-    def static_view(self, picture: NDArray[Any] | None = None) -> NDArray[np.uint8]:
-        """Draw the frame without what moves: the background stands in its place, or hatching where none is known.
-
-        Parameters
-        ----------
-        picture : ndarray, optional
-            The frame in colour, to draw on instead of `image`; what is filled in is grey.
-
-        Returns
-        -------
-        ndarray of uint8, (height, width, 3)
-            Blue, green, red.
-
-        Raises
-        ------
-        ShapeError
-            If the picture is not of the frame's size.
-        """
-        out = self._canvas(picture)
-        # Only what is replaced is looked at: most of a picture stands still.
-        rows, columns = regions.pixels(regions.dilated(self.moving, 5))
-        behind = self.background[rows, columns]
-        low, high = (0.0, 255.0) if self.image.dtype == np.uint8 else _drawing.display_range(self.image)
-        filled = np.clip((np.nan_to_num(behind) - low) * (255.0 / max(high - low, 1e-6)), 0, 255)
-        hatching = np.where((rows + columns) % 8 < 2, 110, 70)
-        out[rows, columns] = np.where(np.isfinite(behind), filled, hatching).astype(np.uint8)[:, None]
-        return out
-
-    def _canvas(self, picture: NDArray[Any] | None) -> NDArray[np.uint8]:
-        out = _drawing.displayed(self.image if picture is None else picture)
-        if out.shape[:2] != self.moving.shape:
-            raise ShapeError(f"the picture is {out.shape[:2]} and the frame is {self.moving.shape} (height, width)")
-        return out
-
-    def _draw_boxes(self, out: NDArray[np.uint8]) -> None:
-        import cv2
-
-        for thing in self.objects:
-            color = _drawing.distinct_color(thing.id)
-            x, y, width, height = thing.box
-            cv2.rectangle(out, (x - 2, y - 2), (x + width + 1, y + height + 1), color, 1)
-            if np.isfinite(thing.vx):
-                tip = np.array([[thing.x, thing.y], [thing.x + 10 * thing.vx, thing.y + 10 * thing.vy]])
-                _drawing.polylines(out, [tip], color, 1)
-            _drawing.put_text(out, str(thing.id), (x - 2, max(y - 5, 12)), color=color)
 
 
 class MotionSegmenter:
@@ -201,10 +82,12 @@ class MotionSegmenter:
 
     Notes
     -----
-    The camera's motion is a plane's: a translation, similarity, affine map or homography. A rigid scene with depth
-    seen by a camera that travels has parallax, which looks like motion where it is larger than the errors.
+    The camera's motion is a plane's: a translation, similarity, affine map or homography. Where much of the picture, or
+    several places in it, move against that plane along lines through one point, the scene has depth, and motion along
+    these lines is parallax. A single thing nearer than the rest cannot be told from one that moves.
 
-    False discoveries: Y. Benjamini and Y. Hochberg, J. R. Stat. Soc. B 57, 1995.
+    Parallax: M. Irani and P. Anandan, PAMI 20(6), 1998. False discoveries: Y. Benjamini and Y. Hochberg,
+    J. R. Stat. Soc. B 57, 1995.
 
     Examples
     --------
@@ -238,10 +121,10 @@ class MotionSegmenter:
         """Forget everything: the next frame is a first one, as after a cut."""
         self._previous: F32 | None = None
         self._moving: Mask | None = None
-        self._heat: NDArray[np.uint8] | None = None
+        self._outline: Outline | None = None
+        self._parallax = False
         self._background = Background()
         self._spread = np.inf
-        self._variance: F32 | None = None
         self._tracker: ObjectTracker | None = None
         self._flow.reset()
         self._flow_is_ours = True
@@ -297,7 +180,7 @@ class MotionSegmenter:
         self._previous = current
         self._moving = np.zeros(current.shape, bool)
         area = max(_LEAST_AREA, round(_LEAST_SHARE * current.size)) if self.min_area is None else self.min_area
-        self._tracker = ObjectTracker(min_area=area)
+        self._tracker = ObjectTracker(min_area=area, min_age=_LEAST_AGE)
         self._background.add(current, self._moving)
         model = "static" if self.static_camera else "none"
         return self._result(image, current, None, np.eye(3), model, (), "first_frame")
@@ -321,9 +204,15 @@ class MotionSegmenter:
             objects = self._tracker.update(self._moving)
             return self._result(image, current, None, homography, "none", objects, "no_camera_motion")
         small = Reduction.of(current.shape)
+        if self.static_camera and self._outline is None:
+            self._outline = Outline((small.size[1], small.size[0]))
         # Flow that its own estimator does not trust takes part as well: the pictures decide whether it explains them.
         b, known = evidence.backward(small.motion(uv, given), small.all(given))
         residual = evidence.residual_motion(b, small.homography(homography))
+        epipole = self._epipole(uv, trusted, camera)
+        self._parallax = epipole is not None
+        if epipole is not None:
+            residual = evidence.without_parallax(residual, small.point(epipole))
         # Where this frame shows what the one before did not, and windows reach over there, nothing is compared.
         known &= evidence.seen_before(known.shape, small.homography(homography))
         kept = small.any(warped(self._moving.view(np.uint8), homography, missing=0, nearest=True).view(bool))
@@ -341,10 +230,16 @@ class MotionSegmenter:
             least_motion=least,
             rounding=self._rounding / small.factor,
             most_spread=_SPREAD_RISE * self._spread,
-            variance=self._variance,
+            variance=None if self._outline is None else self._outline.variance,
         )
         self._spread = found.spread
-        mask = self._outlined(work, found, kept, small) if self.static_camera else found.moving
+        background = small.image(self._background.picture(small.full))
+        if self._outline is not None:
+            mask = self._outline.update(work, background, found, kept, self._rounding)
+        elif self._background.kept >= _TRUSTED_BACKGROUND:
+            mask = found.moving & ~shows_background(work, background, found)
+        else:
+            mask = found.moving
         size = max(3, round(min(mask.shape) / 80)) | 1
         mask = small.enlarged(regions.cleaned(mask, size, max(1, self._tracker.min_area // small.factor**2)))
         residual[~known] = np.nan
@@ -355,7 +250,7 @@ class MotionSegmenter:
             self._background.amend_first(evidence.carried_back(away, uv, given))
         self._background.add(current, away)
         length = small.enlarged_image(np.hypot(residual[..., 0], residual[..., 1]) * np.float32(small.factor))
-        return self._result(image, current, length, homography, camera.model, objects, "ok")
+        return self._result(image, current, length, homography, camera.model, objects, "ok", parallax=self._parallax)
 
     def _camera(self, uv: F32, valid: Mask) -> _camera_motion.CameraMotion:
         step = _VECTOR_STEP if min(valid.shape) >= 8 * _VECTOR_STEP else max(1, min(valid.shape) // 8)
@@ -372,40 +267,17 @@ class MotionSegmenter:
             return _camera_motion.CameraMotion(np.eye(3), "static", min(max(sigma, 0.02), 0.3), 1.0)
         return _camera_motion.fit(points, vectors)
 
-    def _outlined(self, current: F32, found: evidence.FlowEvidence, kept: Mask, small: Reduction) -> Mask:
-        """With a static camera: regions that differ from the background and move, or moved lately."""
-        if self._heat is None:
-            self._heat = np.zeros(current.shape, np.uint8)
-        background = small.image(self._background.picture(small.full))
-        known = np.isfinite(background)
-        if not known.any():
-            return found.moving
-        spread = found.spread
-        still = known & ~kept & ~regions.dilated(found.moving, 5)
-        filled = relit(np.where(known, background, current), current, still, spread)
-        usual = spread**2 if self._variance is None else np.maximum(self._variance, np.float32(self._rounding**2))
-        apart = evidence.mismatch(current - filled, found.slope, usual)
-        differs = known & (apart > _WEAK_OUTLINE) & ~evidence.explained_by_light(filled, current, spread)
-        differs &= evidence.outstanding(current - filled)
-        surely = differs & (apart > _STRONG_OUTLINE)
-        self._heat = np.where(self._heat > 0, self._heat - 1, 0).astype(np.uint8)
-        warm = regions.dilated(self._heat > 0, 3)
-        # What changed from frame to frame moved, also where it was too fast for its flow.
-        moves = found.moving | found.changed
-        mask = regions.grown(differs, surely & (moves | warm)) | (found.moving & ~known)
-        moved = regions.grown(mask, mask & moves)
-        self._heat[moved] = _MEMORY_FRAMES
-        self._learn(found, mask)
-        return mask
-
-    def _learn(self, found: evidence.FlowEvidence, mask: Mask) -> None:
-        """Keep the usual variance of each pixel's difference from frame to frame."""
-        square = np.minimum(found.square, np.float32(4 * found.spread**2))
-        if self._variance is None:
-            self._variance = np.maximum(square, np.float32(found.spread**2))
-        else:
-            step = np.where(regions.dilated(mask, 5), np.float32(0), np.float32(_LEARNING_RATE))
-            self._variance += step * (square - self._variance)
+    def _epipole(self, uv: F32, valid: Mask, camera: _camera_motion.CameraMotion) -> F64 | None:
+        """Find the point on whose lines a scene with depth moves; None without depth or with a static camera."""
+        if self.static_camera:
+            return None
+        step = max(2, round(math.sqrt(valid.size / _PARALLAX_VECTORS)))
+        rows, columns = np.nonzero(valid[::step, ::step])
+        rows, columns = rows * step, columns * step
+        points = np.column_stack([columns, rows]).astype(np.float64)
+        by_plane = _camera_motion.apply(camera.homography, points)
+        vectors = uv[rows, columns].astype(np.float64)
+        return _parallax.epipole(points, vectors, by_plane, camera.sigma_px, before=self._parallax)
 
     def _result(
         self,
@@ -416,6 +288,8 @@ class MotionSegmenter:
         model: str,
         objects: tuple[TrackedObject, ...],
         status: str,
+        *,
+        parallax: bool = False,
     ) -> MotionSegmentation:
         assert self._tracker is not None
         assert self._moving is not None
@@ -429,6 +303,7 @@ class MotionSegmenter:
             residual=np.full(moving.shape, np.nan, np.float32) if residual is None else residual,
             camera_motion=homography.copy(),
             camera_model=model,
+            parallax=parallax,
             objects=objects,
             labels=self._tracker.labels if status != "first_frame" else np.zeros(moving.shape, np.int32),
             background=background,
