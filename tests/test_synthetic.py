@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from rsflow import Camera, OptionError, synthetic
-from rsflow.synthetic import LIGHTING, MovingObject, Sensor, Texture, flight, flight_with_object, shifted_pair, texture
+from rsflow.synthetic import (
+    LIGHTING,
+    MovingObject,
+    Part,
+    Sensor,
+    Texture,
+    flight,
+    flight_with_object,
+    motions_pair,
+    shifted_pair,
+    texture,
+)
 
 CLEAN = Sensor(noise=0.0, dtype="float32")
 WIDE = Camera(150.0, 152.0, 80.0, 60.0, width=160, height=120, distortion=(-0.25, 0.12, 0.001, -0.0005, 0.01))
+
+
+def interpolated(frame: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """The frame as a function of (x, y), by a spline of order 5."""
+    return lambda points: ndimage.map_coordinates(frame.astype(float), points[:, ::-1].T, order=5)
 
 
 @pytest.mark.parametrize("kind", sorted(synthetic.BANDS))
@@ -93,6 +111,27 @@ def test_shifted_pair_light_noise_and_dtype() -> None:
     np.testing.assert_allclose(sixteen.prev / 257.0, np.clip(steady.prev, 0, 255), atol=0.01)
     assert clean.bound_px == 0.0
     assert 0.003 < shifted_pair(0.0, 0.0, seed=2).bound_px < 0.02
+
+
+def test_parts_go_where_their_motion_says() -> None:
+    turning = Part(dx=9.25, dy=-4.5, turn_deg=15, zoom=1.1, x=80, y=60, box=(50, 30, 60, 60))
+    pair = motions_pair([Part(dx=-3.5, dy=2.25), turning], size=(160, 120), sensor=CLEAN, seed=3)
+    prev, after = (interpolated(frame) for frame in (pair.prev, pair.next))
+    rng = np.random.default_rng(0)
+    points = rng.uniform((10, 10), (150, 110), (400, 2))
+    clear = pair.clear(points, radius=6)
+    assert 0.2 < clear.mean() < 0.9
+    inside = turning.covers(points)
+    np.testing.assert_allclose(turning.trace(turning.move(points)), points, atol=1e-9)
+    truth = pair.truth(points)
+    np.testing.assert_allclose(truth[clear & ~inside], (points + np.array([-3.5, 2.25]))[clear & ~inside])
+    np.testing.assert_allclose(truth[clear & inside], turning.move(points)[clear & inside])
+    for part in (False, True):
+        chosen = clear & (inside == part)
+        assert chosen.sum() > 20
+        difference = prev(points[chosen]) - after(truth[chosen])
+        # Grey levels of unrelated places differ by some 50.
+        assert np.sqrt(np.mean(difference**2)) < 1.0
 
 
 @pytest.mark.parametrize("name", sorted(LIGHTING))

@@ -107,7 +107,8 @@ impl Spline {
 }
 
 /// The weights of the four coefficients around a position `t` after the second of them.
-fn cubic(t: f32) -> [f32; 4] {
+#[inline(always)]
+pub(crate) fn cubic(t: f32) -> [f32; 4] {
     let s = 1.0 - t;
     [
         s * s * s / 6.0,

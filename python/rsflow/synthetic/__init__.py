@@ -1,7 +1,8 @@
 """Scenes with exactly known motion and light, to judge an estimator or to test a set-up of your own.
 
-`shifted_pair` gives two frames with an exact sub-pixel displacement, `flight` what a camera sees that flies over flat,
-textured ground, `flight_with_object` the same with things that move on the ground and a mask of where they are.
+`shifted_pair` gives two frames with an exact sub-pixel displacement, `motions_pair` two whose parts shift, turn and
+zoom each in its own way, `flight` what a camera sees that flies over flat, textured ground, `flight_with_object` the
+same with things that move on the ground and a mask of where they are.
 Everything is seeded: the same arguments give the same pixels.
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 from .flights import Flight, MovingObject, flight, flight_with_object
 from .lighting import LIGHTING, Lighting, auto_exposure, gain, gamma, offset, ramp, shadow, spotlight
+from .motions import MotionsPair, Part, motions_pair
 from .sensor import WEBCAM, Sensor
 from .textures import BANDS, ShiftedPair, Texture, shifted_pair, texture
 
@@ -18,7 +20,9 @@ __all__ = [
     "WEBCAM",
     "Flight",
     "Lighting",
+    "MotionsPair",
     "MovingObject",
+    "Part",
     "Sensor",
     "ShiftedPair",
     "Texture",
@@ -27,6 +31,7 @@ __all__ = [
     "flight_with_object",
     "gain",
     "gamma",
+    "motions_pair",
     "offset",
     "ramp",
     "shadow",

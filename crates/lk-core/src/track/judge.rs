@@ -1,6 +1,7 @@
 //! Whether what was found is to be believed, and how uncertain it is.
 
 use crate::illumination::Illumination;
+use crate::track::noise::{Samples, spread};
 use crate::track::normal::{GAIN_RANGE, Light, Normal, Step};
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::patch::Template;
@@ -10,7 +11,7 @@ use crate::track::solve::{Problem, Rest, Workspace, inside};
 const MAX_UNEXPLAINED: f64 = 0.25;
 
 /// How exactly the way back is measured, as a share of what it may miss by.
-const RETURN_SHARE: f64 = 0.1;
+pub(super) const RETURN_SHARE: f64 = 0.1;
 
 /// Standard deviation of a position, in pixels along its worst direction, beyond which a window has no texture.
 const MAX_DEVIATION: f64 = 0.5;
@@ -20,12 +21,12 @@ const MAX_DEVIATION: f64 = 0.5;
 pub(super) struct Fit {
     pub(super) displacement: [f64; 2],
     /// Mean square difference that is left, in square grey levels.
-    variance: f64,
+    pub(super) variance: f64,
     /// Variance of the window in `prev`, times the gain squared.
-    signal: f64,
+    pub(super) signal: f64,
     /// Covariance of the displacement for that variance: xx, xy, yy.
-    covariance: [f64; 3],
-    gain: f64,
+    pub(super) covariance: [f64; 3],
+    pub(super) gain: f64,
 }
 
 /// Lighting models within "gain_offset", the simplest first, and how much more than the full one they may leave: the
@@ -47,12 +48,12 @@ impl Problem<'_> {
                 if let Some(normal) = Normal::new(template, light) {
                     let step = normal.step(&rest.sums);
                     if step.left - rest.step.left <= limit * unit {
-                        return Fit::new(&normal, &step, rest.after(&step));
+                        return Fit::new(template, rest, &normal, &step);
                     }
                 }
             }
         }
-        Fit::new(&rest.normal, &rest.step, rest.after(&rest.step))
+        Fit::new(template, rest, &rest.normal, &rest.step)
     }
 
     /// Judge what was found for `point` from the displacement `guess` on the level `top`.
@@ -105,10 +106,11 @@ impl Problem<'_> {
             residual: fit.variance.sqrt() as f32,
             covariance: fit.covariance.map(|value| value as f32),
             forward_backward,
+            unexplained: (fit.variance / fit.signal) as f32,
         }
     }
 
-    fn judge(&self, fit: &Fit, position: [f32; 2]) -> Result<(), PointStatus> {
+    pub(super) fn judge(&self, fit: &Fit, position: [f32; 2]) -> Result<(), PointStatus> {
         if !inside(&self.next[0], position) {
             return Err(PointStatus::OutOfFrame);
         }
@@ -133,13 +135,22 @@ impl Problem<'_> {
 }
 
 impl Fit {
-    fn new(normal: &Normal, step: &Step, displacement: [f64; 2]) -> Self {
+    fn new(template: &Template, rest: &Rest, normal: &Normal, step: &Step) -> Self {
         let variance = normal.variance(step);
+        let samples = Samples {
+            prev: template.corner(),
+            next: Some(rest.corner),
+            spacing: 1.0,
+        };
+        let own = variance / (1.0 + step.gain * step.gain);
+        let spread = spread(&template.gradients(), template.window, &samples, own);
         Self {
-            displacement,
+            displacement: rest.after(step),
             variance,
             signal: normal.signal(step),
-            covariance: normal.unit_covariance(step).map(|entry| entry * variance),
+            covariance: normal
+                .unit_covariance(step)
+                .map(|entry| entry * spread * variance),
             gain: step.gain,
         }
     }

@@ -5,17 +5,25 @@
 //! is taken out of the template's gradients once, after G. Hager and P. Belhumeur, "Efficient region tracking with
 //! parametric models of geometry and illumination", PAMI 1998.
 
+mod affine;
 mod bouguet;
+mod deform;
+mod doubt;
+mod grid;
 mod judge;
+mod noise;
 mod normal;
 mod options;
 mod patch;
 mod retry;
+mod search;
 mod seeds;
 mod solve;
+mod spread;
 mod stream;
 #[cfg(test)]
 mod tests;
+mod warp;
 
 use std::cell::Cell;
 
@@ -197,7 +205,8 @@ fn track_keeping(
             }
         },
     )?;
-    memory.retry(&problem, points, tracks)
+    memory.retry(&problem, points, tracks)?;
+    memory.deformed.find(&problem, points, tracks)
 }
 
 /// Whether the pixel that `point` is in is excluded.

@@ -5,7 +5,7 @@
 //! step is one 2 x 2 solve under every model.
 
 use crate::illumination::Illumination;
-use crate::track::patch::{Sums, Template, Window};
+use crate::track::patch::{Sums, Template};
 
 /// Gains beyond which two windows are not the same thing in another light.
 pub(crate) const GAIN_RANGE: (f64, f64) = (0.25, 4.0);
@@ -53,6 +53,18 @@ impl Light {
         }
     }
 
+    pub(crate) fn has_gain(self) -> bool {
+        self.gain
+    }
+
+    pub(crate) fn has_offset(self) -> bool {
+        self.offset
+    }
+
+    pub(crate) fn has_tilt(self) -> bool {
+        self.tilt
+    }
+
     /// The same, with an offset that varies over the window where the model has a gain.
     pub(crate) fn with_tilt(self) -> Self {
         Self {
@@ -77,8 +89,6 @@ pub(crate) struct Normal {
     intensity: [f64; 3],
     /// Sum of the squared intensity without its mean.
     contrast: f64,
-    /// By how much the noise of a sum over the window exceeds that of as many independent pixels.
-    inflation: f64,
     /// The inverse of the structure tensor, summed over the window: xx, xy, yy.
     inverse: [f64; 3],
 }
@@ -138,7 +148,6 @@ impl Normal {
             part,
             intensity: [aa.max(0.0), ax, ay],
             contrast: (sums.products[0] - sums.plain[0] * sums.plain[0] / area).max(0.0),
-            inflation: inflation(template),
             inverse: [yy / determinant, -xy / determinant, xx / determinant],
         })
     }
@@ -205,37 +214,8 @@ impl Normal {
         step.gain * step.gain * self.contrast / self.area
     }
 
-    /// Covariance of the displacement where what is left has variance 1 a pixel: xx, xy, yy.
+    /// Covariance of the displacement where what is left has variance 1 a pixel, and no correlation: xx, xy, yy.
     pub(crate) fn unit_covariance(&self, step: &Step) -> [f64; 3] {
-        self.inverse
-            .map(|entry| entry * self.inflation / (step.gain * step.gain))
+        self.inverse.map(|entry| entry / (step.gain * step.gain))
     }
-}
-
-/// How much the variance of a sum of noise times gradient grows because the spline spreads the noise of a pixel over
-/// its neighbours: the sum over lags of the noise's correlation times the gradient's. The gradient's correlation is
-/// measured down the columns, for x along and for y across the edges that it stands on, and taken to fall off like a
-/// Gaussian.
-fn inflation(template: &Template) -> f64 {
-    let sums = &template.sums;
-    let area = template.window.area();
-    // Of so many pixels in a row, this share has a neighbour so far away within the window.
-    let share = |pixels: usize, lag: usize| pixels.saturating_sub(lag) as f64 / pixels as f64;
-    let Window { width, height } = template.window;
-    let mut total = 1.0;
-    for (axis, pixels, energy) in [(0, width, sums.products[3]), (1, height, sums.products[5])] {
-        let mean = sums.plain[axis + 1] * sums.plain[axis + 1] / area;
-        let correlation =
-            (sums.lagged[axis] - share(height, 1) * mean) / (share(height, 1) * (energy - mean));
-        let correlation = if correlation.is_finite() {
-            correlation.clamp(0.0, 1.0)
-        } else {
-            1.0
-        };
-        let [one, two] = NOISE_CORRELATION;
-        let one = one * share(pixels, 1) * correlation;
-        let two = two * share(pixels, 2) * correlation.powi(4);
-        total *= 1.0 + 2.0 * (one + two);
-    }
-    total
 }

@@ -65,6 +65,11 @@ impl TrackOptions {
         self.window.width * self.window.height
     }
 
+    /// The longer side of that window.
+    pub(crate) fn window_side(&self) -> usize {
+        self.window.width.max(self.window.height)
+    }
+
     /// Levels of the pyramid, the frame itself included; `None`, the default, follows from frame and displacement.
     #[must_use]
     pub fn levels(mut self, levels: Option<usize>) -> Self {
@@ -265,6 +270,8 @@ pub struct TrackedPoint {
     pub covariance: [f32; 3],
     /// Distance from where the point came from to where it comes back, in pixels; NaN if it was not measured.
     pub forward_backward: f32,
+    /// Share of the window's variance that is left; 0 unless tracked.
+    pub(crate) unexplained: f32,
 }
 
 impl TrackedPoint {
@@ -277,7 +284,16 @@ impl TrackedPoint {
             residual: f32::NAN,
             covariance: [f32::INFINITY, 0.0, f32::INFINITY],
             forward_backward: f32::NAN,
+            unexplained: 0.0,
         }
+    }
+
+    /// How far a tracked point went from `origin`.
+    pub(crate) fn displacement(&self, origin: [f32; 2]) -> [f64; 2] {
+        [
+            f64::from(self.position[0]) - f64::from(origin[0]),
+            f64::from(self.position[1]) - f64::from(origin[1]),
+        ]
     }
 
     /// Whether the point was tracked.

@@ -48,8 +48,8 @@ pub(crate) struct Problem<'a> {
 /// Pyramids in the order of the search.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Way<'a> {
-    from: &'a [Plane],
-    to: &'a [Plane],
+    pub(super) from: &'a [Plane],
+    pub(super) to: &'a [Plane],
 }
 
 /// The last step on the finest level.
@@ -57,7 +57,8 @@ pub(super) struct Way<'a> {
 pub(super) struct Rest {
     /// The displacement before the step.
     pub(super) before: [f64; 2],
-    /// What was summed there.
+    /// The window's first sample in `next` there, and what was summed.
+    pub(super) corner: [f64; 2],
     pub(super) sums: Sums,
     pub(super) normal: Normal,
     pub(super) step: Step,
@@ -140,7 +141,7 @@ impl Problem<'_> {
     }
 
     /// How far the steps that are left out may lead, in pixels.
-    fn tolerance(&self) -> f64 {
+    pub(super) fn tolerance(&self) -> f64 {
         0.5 * f64::from(self.options.epsilon)
     }
 
@@ -256,8 +257,11 @@ impl Problem<'_> {
             // Steps shrink by a steady factor, so this is how far the rest of them would lead.
             let factor = (size / last).max(LEAST_FACTOR);
             if factor < 1.0 && size * factor / (1.0 - factor) < tolerance {
+                let half = window.half().map(f64::from);
+                let corner = [0, 1].map(|axis| f64::from(centre[axis]) + before[axis] - half[axis]);
                 return Ok(Rest {
                     before,
+                    corner,
                     sums,
                     normal,
                     step,
@@ -323,7 +327,7 @@ impl Problem<'_> {
 
 /// The window of coarse levels, which only lead to the finest: about two thirds of it, and even, so that it and the
 /// pixels on both sides fill whole lanes.
-fn coarse_window(window: Window) -> Window {
+pub(super) fn coarse_window(window: Window) -> Window {
     let side = |pixels: usize| {
         if pixels <= 14 {
             pixels

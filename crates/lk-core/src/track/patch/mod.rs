@@ -25,7 +25,7 @@ pub(crate) const MAX_WINDOW: usize = 63;
 const RIM: usize = 1;
 
 /// The longest side of what is compared.
-const MAX_SIDE: usize = MAX_WINDOW + 2 * RIM;
+pub(crate) const MAX_SIDE: usize = MAX_WINDOW + 2 * RIM;
 
 /// The size of a window, in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,6 +5,7 @@ use super::sampling::{SPLINE_BEFORE, SPLINE_TAPS, Sampling, Spline, linear, pair
 use super::{MAX_SIDE, Window};
 use crate::frame::Plane;
 use crate::simd::{EIGHT, Eight, EightKernel, Packed};
+use crate::track::noise::Gradients;
 
 const MAX_BLOCKS: usize = MAX_SIDE.div_ceil(EIGHT);
 
@@ -29,6 +30,8 @@ pub(crate) struct Template {
     /// Grey level of a pixel in the middle, from which `sums` counts the intensity.
     pub(super) level: f32,
     pub(crate) sums: TemplateSums,
+    /// The window's first sample.
+    corner: [f32; 2],
 }
 
 /// Sums over the window of the intensity a and the gradients x and y.
@@ -62,7 +65,27 @@ impl Template {
             cells: [cell; _],
             level: 0.0,
             sums: TemplateSums::default(),
+            corner: [0.0; 2],
         }
+    }
+
+    /// The window's first sample, (x, y) in `prev`.
+    pub(crate) fn corner(&self) -> [f64; 2] {
+        self.corner.map(f64::from)
+    }
+
+    /// Of a fine template.
+    pub(crate) fn gradients(&self) -> Gradients {
+        let sums = &self.sums;
+        let area = self.window.area();
+        let share = (self.window.height - 1) as f64 / self.window.height as f64;
+        let mean = [1, 2].map(|index| sums.plain[index] * sums.plain[index] / area);
+        let energy = [sums.products[3] - mean[0], sums.products[5] - mean[1]];
+        let lagged = [
+            sums.lagged[0] - share * mean[0],
+            sums.lagged[1] - share * mean[1],
+        ];
+        Gradients::new(energy, lagged, share, area)
     }
 }
 
@@ -92,6 +115,7 @@ impl EightKernel for BuildTemplate<'_> {
         template.sampling = sampling;
         let half = window.half();
         let corner = [self.centre[0] - half[0], self.centre[1] - half[1]];
+        template.corner = corner;
         let (columns, rows) = (window.width + 2, window.height + 2);
         if sampling == Sampling::Linear {
             let [x, y] = [corner[0].round(), corner[1].round()];

@@ -1,0 +1,205 @@
+//! One point whose surroundings turn, grow or shear: down the levels from given warps, and the judgement.
+
+use crate::track::affine::{Aligner, Answer, Question};
+use crate::track::judge::{Fit, RETURN_SHARE};
+use crate::track::noise::{Samples, spread};
+use crate::track::normal::Light;
+use crate::track::options::{PointStatus, TrackedPoint};
+use crate::track::solve::{Problem, Way, coarse_window};
+use crate::track::warp::Warp;
+
+/// A warp must leave less than this share of what a displacement leaves to take its place: its four more unknowns
+/// explain about so much of what is noise.
+const LESS_LEFT: f64 = 0.92;
+
+/// Share of the variance that a warp may leave: its unknowns explain some of any window.
+const MAX_UNEXPLAINED: f64 = 0.1;
+
+/// Steps on a coarse level, and the length of one that is enough.
+const COARSE_ITERATIONS: usize = 8;
+const COARSE_TOLERANCE: f64 = 0.05;
+
+/// Starts for one point.
+const MAX_STARTS: usize = 4;
+
+/// A warp to start from, and the level that it is good for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Start {
+    warp: Warp,
+    level: usize,
+}
+
+/// Where to start one point.
+#[derive(Debug)]
+pub(super) struct Starts {
+    list: [Start; MAX_STARTS],
+    count: usize,
+}
+
+impl Starts {
+    pub(super) fn new() -> Self {
+        let none = Start {
+            warp: Warp::shift([0.0; 2]),
+            level: 0,
+        };
+        Self {
+            list: [none; MAX_STARTS],
+            count: 0,
+        }
+    }
+
+    /// Add one, if there is room.
+    pub(super) fn add(&mut self, warp: Warp, level: usize) {
+        if self.count < MAX_STARTS {
+            self.list[self.count] = Start { warp, level };
+            self.count += 1;
+        }
+    }
+
+    pub(super) fn list(&self) -> &[Start] {
+        &self.list[..self.count]
+    }
+}
+
+/// Where one point went, and how its window is deformed there.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Found {
+    pub(super) track: TrackedPoint,
+    pub(super) warp: Warp,
+}
+
+impl Problem<'_> {
+    /// Track `point` from the best of `starts`, if that is better than `before`.
+    pub(super) fn deform(
+        &self,
+        point: [f32; 2],
+        before: &TrackedPoint,
+        starts: &[Start],
+        aligner: &mut Aligner,
+    ) -> Option<Found> {
+        let mut best: Option<(f64, Warp, Start)> = None;
+        for start in starts {
+            let (warp, unexplained) = self.lead(self.forward(), point, *start, aligner);
+            if best.is_none_or(|(least, ..)| unexplained < least) {
+                best = Some((unexplained, warp, *start));
+            }
+            if unexplained < MAX_UNEXPLAINED {
+                break;
+            }
+        }
+        let (_, warp, start) = best?;
+        let answer = self.finish(self.forward(), point, warp, self.tolerance(), aligner)?;
+        let displacement = answer.warp.shift;
+        let position = [
+            (f64::from(point[0]) + displacement[0]) as f32,
+            (f64::from(point[1]) + displacement[1]) as f32,
+        ];
+        let window = self.options.window.with_rim();
+        let half = window.half().map(f64::from);
+        let samples = Samples {
+            prev: [0, 1].map(|axis| f64::from(point[axis]) - half[axis]),
+            next: None,
+            spacing: answer.warp.scale(),
+        };
+        let own = answer.variance / (1.0 + answer.gain * answer.gain);
+        let scale = answer.variance * spread(&answer.gradients, window, &samples, own);
+        let fit = Fit {
+            displacement,
+            variance: answer.variance,
+            signal: answer.signal,
+            covariance: answer.unit_covariance.map(|entry| entry * scale),
+            gain: answer.gain,
+        };
+        let unexplained = answer.variance / answer.signal;
+        let residual = answer.variance.sqrt() as f32;
+        let rival = f64::from(before.residual);
+        // The share is NaN where the window has no contrast.
+        if self.judge(&fit, position).is_err()
+            || unexplained.is_nan()
+            || unexplained > MAX_UNEXPLAINED
+            || (before.is_valid() && answer.variance > LESS_LEFT * rival * rival)
+        {
+            return None;
+        }
+        let mut forward_backward = f32::NAN;
+        if let Some(limit) = self.options.max_forward_backward {
+            let tolerance = RETURN_SHARE * f64::from(limit);
+            let back = Start {
+                warp: start.warp.inverse(),
+                level: start.level,
+            };
+            let (back, _) = self.lead(self.backward(), position, back, aligner);
+            let back = self.finish(self.backward(), position, back, tolerance, aligner)?;
+            let back = back.warp.shift;
+            forward_backward = (displacement[0] + back[0]).hypot(displacement[1] + back[1]) as f32;
+            if forward_backward.is_nan() || forward_backward > limit {
+                return None;
+            }
+        }
+        Some(Found {
+            track: TrackedPoint {
+                position,
+                status: PointStatus::Tracked,
+                residual,
+                covariance: fit.covariance.map(|value| value as f32),
+                forward_backward,
+                unexplained: unexplained as f32,
+            },
+            warp: answer.warp,
+        })
+    }
+
+    /// The warp after the coarse levels, and the share of the window's variance that it leaves on the last of them.
+    fn lead(
+        &self,
+        way: Way<'_>,
+        point: [f32; 2],
+        start: Start,
+        aligner: &mut Aligner,
+    ) -> (Warp, f64) {
+        let mut warp = start.warp;
+        let mut unexplained = f64::INFINITY;
+        for level in (1..=start.level.min(way.from.len() - 1)).rev() {
+            let factor = f64::from(1u32 << level);
+            unexplained = f64::INFINITY;
+            let question = Question {
+                from: &way.from[level],
+                to: &way.to[level],
+                centre: point.map(|coordinate| f64::from(coordinate) / factor),
+                start: warp.scaled(1.0 / factor),
+                window: coarse_window(self.options.window),
+                light: Light::of(self.options.illumination),
+                iterations: COARSE_ITERATIONS.min(self.options.max_iterations),
+                tolerance: COARSE_TOLERANCE,
+                level: self.level,
+            };
+            if let Some(answer) = aligner.align(&question) {
+                warp = answer.warp.scaled(factor);
+                unexplained = answer.variance / answer.signal;
+            }
+        }
+        (warp, unexplained)
+    }
+
+    /// The warp on the finest level.
+    fn finish(
+        &self,
+        way: Way<'_>,
+        point: [f32; 2],
+        start: Warp,
+        tolerance: f64,
+        aligner: &mut Aligner,
+    ) -> Option<Answer> {
+        aligner.align(&Question {
+            from: &way.from[0],
+            to: &way.to[0],
+            centre: point.map(f64::from),
+            start,
+            window: self.options.window.with_rim(),
+            light: Light::of(self.options.illumination).with_tilt(),
+            iterations: self.options.max_iterations,
+            tolerance,
+            level: self.level,
+        })
+    }
+}

@@ -1,0 +1,85 @@
+//! Points by the cell of a grid, to find those near a place.
+
+/// Neighbours asked.
+pub(super) const NEIGHBOURS: usize = 3;
+
+/// Cells that neighbours are sought in, on each side.
+const RINGS: usize = 4;
+
+const NONE: u32 = u32::MAX;
+
+/// Some of the points, about one a cell; memory is kept.
+#[derive(Debug, Default)]
+pub(super) struct Grid {
+    cell: f32,
+    columns: usize,
+    rows: usize,
+    /// The first point of each cell, and the next one after each point.
+    heads: Vec<u32>,
+    links: Vec<u32>,
+}
+
+impl Grid {
+    /// Take the points for which `member` is true; they lie within `size`.
+    pub(super) fn fill(
+        &mut self,
+        (width, height): (usize, usize),
+        points: &[[f32; 2]],
+        member: impl Fn(usize) -> bool,
+    ) {
+        let found = (0..points.len()).filter(|index| member(*index)).count();
+        self.cell = ((width * height) as f32 / found.max(1) as f32)
+            .sqrt()
+            .max(1.0);
+        self.columns = (width as f32 / self.cell).ceil().max(1.0) as usize;
+        self.rows = (height as f32 / self.cell).ceil().max(1.0) as usize;
+        self.heads.clear();
+        self.heads.resize(self.columns * self.rows, NONE);
+        self.links.clear();
+        self.links.resize(points.len(), NONE);
+        for (index, point) in points.iter().enumerate() {
+            if member(index) {
+                let (column, row) = self.place(*point);
+                let head = &mut self.heads[row * self.columns + column];
+                self.links[index] = *head;
+                *head = index as u32;
+            }
+        }
+    }
+
+    fn place(&self, [x, y]: [f32; 2]) -> (usize, usize) {
+        (
+            ((x / self.cell) as usize).min(self.columns - 1),
+            ((y / self.cell) as usize).min(self.rows - 1),
+        )
+    }
+
+    /// The members nearest to `point`, and their squared distances; the nearest first.
+    pub(super) fn nearest<const COUNT: usize>(
+        &self,
+        points: &[[f32; 2]],
+        point: [f32; 2],
+    ) -> impl Iterator<Item = (f32, usize)> + use<COUNT> {
+        let mut nearest = [(f32::INFINITY, 0usize); COUNT];
+        let (column, row) = self.place(point);
+        for y in row.saturating_sub(RINGS)..(row + RINGS + 1).min(self.rows) {
+            for x in column.saturating_sub(RINGS)..(column + RINGS + 1).min(self.columns) {
+                let mut link = self.heads[y * self.columns + x];
+                while link != NONE {
+                    let index = link as usize;
+                    let (dx, dy) = (points[index][0] - point[0], points[index][1] - point[1]);
+                    let distance = dx * dx + dy * dy;
+                    if distance < nearest[COUNT - 1].0 {
+                        let place = nearest.partition_point(|entry| entry.0 <= distance);
+                        nearest[place..].rotate_right(1);
+                        nearest[place] = (distance, index);
+                    }
+                    link = self.links[index];
+                }
+            }
+        }
+        nearest
+            .into_iter()
+            .filter(|(distance, _)| distance.is_finite())
+    }
+}

@@ -1,0 +1,328 @@
+//! A third try, for points whose surroundings turn, grow or shear too much for a displacement alone.
+//!
+//! A few of them are searched for under every rotation and scale; what they find leads to their neighbours, as an
+//! affine motion that goes on beyond its window. Each point is judged by itself, and must agree with those around it.
+
+use crate::error::Result;
+use crate::parallel::{RowsMut, for_each_band};
+use crate::track::affine::Aligner;
+use crate::track::deform::{Found, Starts};
+use crate::track::doubt::doubt;
+use crate::track::grid::{Grid, NEIGHBOURS};
+use crate::track::options::TrackedPoint;
+use crate::track::search::Search;
+use crate::track::solve::Problem;
+use crate::track::warp::Warp;
+
+/// Rounds in which found points help their neighbours, and tries for one point.
+const ROUNDS: usize = 48;
+const MAX_TRIES: u8 = 5;
+
+/// How far a motion leads beyond its window, in windows.
+const REACH: f32 = 5.0;
+
+/// Cells along x and y in which a point is searched for where most are open, and how often.
+const CELLS: (usize, usize) = (6, 4);
+const SEARCHES: usize = 2;
+
+/// The levels from which a neighbour's motion, and a point's own displacement, are followed down.
+const NEAR_LEVEL: usize = 1;
+const OWN_LEVEL: usize = 2;
+
+/// Of so many points around, the point itself among them, so many must agree, and to how many pixels: so many, and so many more for each pixel between them.
+const WITNESSES: usize = 6;
+const AGREEING: usize = 2;
+const AGREEMENT: (f64, f64) = (1.0, 0.05);
+
+/// Points that one thread takes at least.
+const MIN_POINTS: usize = 2;
+
+const NONE: u32 = u32::MAX;
+
+/// What is known of one point.
+#[derive(Debug, Clone, Copy)]
+struct State {
+    /// How it moves, if it does.
+    warp: Option<Warp>,
+    /// Whether that is a deformation found here.
+    deformed: bool,
+    /// The track to go back to.
+    before: TrackedPoint,
+    tries: u8,
+    /// Whether a neighbour's motion leads out of the frame.
+    leaves: bool,
+    /// Neighbours that were followed last.
+    followed: [u32; NEIGHBOURS],
+}
+
+/// Memory that is kept from frame to frame.
+#[derive(Debug, Default)]
+pub(super) struct Deformed {
+    states: Vec<State>,
+    open: Vec<u32>,
+    found: Vec<Attempt>,
+    grid: Grid,
+}
+
+/// A try for one point.
+#[derive(Debug, Clone, Copy)]
+struct Attempt {
+    tried: bool,
+    leaves: bool,
+    followed: [u32; NEIGHBOURS],
+    found: Option<Found>,
+}
+
+impl Deformed {
+    /// Look again for the points of `tracks` that are lost or doubtful.
+    pub(super) fn find(
+        &mut self,
+        problem: &Problem<'_>,
+        points: &[[f32; 2]],
+        tracks: &mut [TrackedPoint],
+    ) -> Result<()> {
+        if !doubt(problem, points, tracks, &mut self.grid, &mut self.open) {
+            return Ok(());
+        }
+        self.states.clear();
+        let state = |(track, point): (&TrackedPoint, &[f32; 2])| State {
+            warp: track
+                .is_valid()
+                .then(|| Warp::shift(track.displacement(*point))),
+            deformed: false,
+            before: *track,
+            tries: 0,
+            leaves: false,
+            followed: [NONE; NEIGHBOURS],
+        };
+        self.states.extend(tracks.iter().zip(points).map(state));
+        // What is doubtful leads nowhere.
+        for index in &self.open {
+            self.states[*index as usize].warp = None;
+        }
+        let side = problem.options.window_side() as f32;
+        let reach = (REACH * side) * (REACH * side);
+        self.spread(problem, points, tracks, reach)?;
+        let search = Search::new(
+            problem.prev,
+            problem.next,
+            problem.options.max_displacement,
+            problem.level,
+        );
+        for _ in 0..SEARCHES {
+            if !self.search(problem, points, tracks, &search)? {
+                break;
+            }
+            self.spread(problem, points, tracks, reach)?;
+        }
+        self.confirm(problem, points, tracks);
+        Ok(())
+    }
+
+    /// Follow the motion of found points to their open neighbours, until nothing is found any more.
+    fn spread(
+        &mut self,
+        problem: &Problem<'_>,
+        points: &[[f32; 2]],
+        tracks: &mut [TrackedPoint],
+        reach: f32,
+    ) -> Result<()> {
+        for round in 0..ROUNDS {
+            let states = &self.states;
+            self.grid
+                .fill(problem.size(), points, |index| states[index].warp.is_some());
+            let take = |states: &[State], grid: &Grid, index: usize, aligner: &mut Aligner| {
+                let (point, state) = (points[index], &states[index]);
+                let mut starts = Starts::new();
+                let mut followed = [NONE; NEIGHBOURS];
+                let mut leaves = state.leaves;
+                if state.tries < MAX_TRIES {
+                    let near = grid.nearest::<NEIGHBOURS>(points, point);
+                    for (place, (distance, near)) in near.enumerate() {
+                        followed[place] = near as u32;
+                        if distance > reach || state.followed.contains(&(near as u32)) {
+                            continue;
+                        }
+                        if let Some(warp) = states[near].warp {
+                            let from = points[near];
+                            let offset = [point[0] - from[0], point[1] - from[1]].map(f64::from);
+                            let warp = warp.moved(offset);
+                            let [x, y] = warp.shift.map(|part| part as f32);
+                            if problem.holds([point[0] + x, point[1] + y]) {
+                                starts.add(warp, NEAR_LEVEL);
+                            } else {
+                                leaves = true;
+                            }
+                        }
+                    }
+                    if round == 0 && state.tries == 0 && state.before.is_valid() {
+                        starts.add(Warp::shift(state.before.displacement(point)), OWN_LEVEL);
+                    }
+                }
+                Attempt {
+                    tried: !starts.list().is_empty(),
+                    leaves,
+                    followed,
+                    found: problem.deform(point, &state.before, starts.list(), aligner),
+                }
+            };
+            let new = self.run(problem, tracks, take)?;
+            if new == 0 {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Search for a point of each cell whose points are mostly open; whether any was found.
+    fn search(
+        &mut self,
+        problem: &Problem<'_>,
+        points: &[[f32; 2]],
+        tracks: &mut [TrackedPoint],
+        search: &Search<'_>,
+    ) -> Result<bool> {
+        let (width, height) = problem.size();
+        let cell_of = |[x, y]: [f32; 2]| {
+            let column = ((x / width as f32 * CELLS.0 as f32) as usize).min(CELLS.0 - 1);
+            let row = ((y / height as f32 * CELLS.1 as f32) as usize).min(CELLS.1 - 1);
+            row * CELLS.0 + column
+        };
+        let mut counts = [(0usize, 0usize); CELLS.0 * CELLS.1];
+        for (state, point) in self.states.iter().zip(points) {
+            if state.warp.is_some() {
+                counts[cell_of(*point)].0 += 1;
+            }
+        }
+        // The open point nearest to the middle of its cell that was tried least.
+        let mut chosen = [(u8::MAX, f32::INFINITY, NONE); CELLS.0 * CELLS.1];
+        for index in &self.open {
+            let State { tries, leaves, .. } = self.states[*index as usize];
+            if leaves {
+                continue;
+            }
+            let point = points[*index as usize];
+            let cell = cell_of(point);
+            counts[cell].1 += 1;
+            let middle = [
+                ((cell % CELLS.0) as f32 + 0.5) * width as f32 / CELLS.0 as f32,
+                ((cell / CELLS.0) as f32 + 0.5) * height as f32 / CELLS.1 as f32,
+            ];
+            let distance = (point[0] - middle[0]).hypot(point[1] - middle[1]);
+            if (tries, distance) < (chosen[cell].0, chosen[cell].1) {
+                chosen[cell] = (tries, distance, *index);
+            }
+        }
+        let all = std::mem::take(&mut self.open);
+        self.open.extend(
+            chosen
+                .iter()
+                .zip(&counts)
+                .filter(|((.., index), (known, open))| *index != NONE && open >= known)
+                .map(|((.., index), _)| *index),
+        );
+        let take = |states: &[State], _: &Grid, index: usize, aligner: &mut Aligner| {
+            let point = points[index];
+            let mut starts = Starts::new();
+            let mut places = Vec::new();
+            search.find(point, &mut places);
+            for warp in places {
+                starts.add(warp, search.level());
+            }
+            let state = &states[index];
+            Attempt {
+                tried: true,
+                leaves: state.leaves,
+                followed: state.followed,
+                found: problem.deform(point, &state.before, starts.list(), aligner),
+            }
+        };
+        let new = self.run(problem, tracks, take)?;
+        let states = &self.states;
+        self.open = all;
+        self.open
+            .retain(|index| states[*index as usize].warp.is_none());
+        Ok(new > 0)
+    }
+
+    /// Try every open point and take what is found; how many were.
+    fn run(
+        &mut self,
+        problem: &Problem<'_>,
+        tracks: &mut [TrackedPoint],
+        take: impl Fn(&[State], &Grid, usize, &mut Aligner) -> Attempt + Sync,
+    ) -> Result<usize> {
+        let (open, states, grid) = (&self.open, &self.states, &self.grid);
+        self.found.clear();
+        self.found.resize(
+            open.len(),
+            Attempt {
+                tried: false,
+                leaves: false,
+                followed: [NONE; NEIGHBOURS],
+                found: None,
+            },
+        );
+        for_each_band(
+            &problem.options.execution,
+            open.len(),
+            MIN_POINTS,
+            RowsMut::new(&mut self.found, 1),
+            |range, part| {
+                let mut aligner = Aligner::new();
+                for (attempt, entry) in part.data.iter_mut().zip(range) {
+                    *attempt = take(states, grid, open[entry] as usize, &mut aligner);
+                }
+            },
+        )?;
+        let mut kept = 0;
+        for entry in 0..self.open.len() {
+            let index = self.open[entry];
+            let attempt = self.found[entry];
+            let state = &mut self.states[index as usize];
+            state.tries += u8::from(attempt.tried);
+            state.leaves = attempt.leaves;
+            state.followed = attempt.followed;
+            if let Some(found) = attempt.found {
+                state.warp = Some(found.warp);
+                state.deformed = true;
+                tracks[index as usize] = found.track;
+            } else {
+                self.open[kept] = index;
+                kept += 1;
+            }
+        }
+        let new = self.open.len() - kept;
+        self.open.truncate(kept);
+        Ok(new)
+    }
+
+    /// Take back what the points around do not confirm.
+    fn confirm(&mut self, problem: &Problem<'_>, points: &[[f32; 2]], tracks: &mut [TrackedPoint]) {
+        let states = &self.states;
+        self.grid
+            .fill(problem.size(), points, |index| states[index].warp.is_some());
+        for (index, point) in points.iter().enumerate() {
+            let State { warp, deformed, .. } = self.states[index];
+            let Some(warp) = warp.filter(|_| deformed) else {
+                continue;
+            };
+            let agrees = |near: usize| {
+                let from = points[near];
+                let offset = [from[0] - point[0], from[1] - point[1]].map(f64::from);
+                let expected = warp.displacement(offset);
+                let limit = AGREEMENT.0 + AGREEMENT.1 * offset[0].hypot(offset[1]);
+                // The point itself is no witness.
+                near != index
+                    && self.states[near].warp.is_some_and(|seen| {
+                        let seen = seen.shift;
+                        (expected[0] - seen[0]).hypot(expected[1] - seen[1]) < limit
+                    })
+            };
+            let near = self.grid.nearest::<WITNESSES>(points, *point);
+            if near.filter(|(_, near)| agrees(*near)).count() < AGREEING {
+                tracks[index] = self.states[index].before;
+            }
+        }
+    }
+}

@@ -1,0 +1,192 @@
+"""Pairs of frames with several motions in one picture: parts that shift, turn and zoom, with exact truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import OptionError, ShapeError
+from .lighting import Lighting
+from .sensor import Sensor
+from .textures import CONTRAST_LEVELS, MEAN_LEVEL, Texture
+
+__all__ = ["MotionsPair", "Part", "motions_pair"]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the picture with one motion: turn and zoom about (x, y), then shift.
+
+    Attributes
+    ----------
+    dx, dy : float
+        Displacement in pixels of what is at (x, y).
+    turn_deg : float
+        Rotation in degrees, from x towards y: clockwise as the picture is looked at.
+    zoom : float
+        Factor on distances from (x, y).
+    x, y : float
+        Centre of turn and zoom, in pixels of `prev`.
+    box : (float, float, float, float) or None
+        x, y, width and height of the part in `prev`; None covers the plane.
+    kind : str
+        Texture, see `BANDS`.
+    """
+
+    dx: float = 0.0
+    dy: float = 0.0
+    turn_deg: float = 0.0
+    zoom: float = 1.0
+    x: float = 0.0
+    y: float = 0.0
+    box: tuple[float, float, float, float] | None = None
+    kind: str = "fine"
+
+    def __post_init__(self) -> None:
+        values = (self.dx, self.dy, self.turn_deg, self.zoom, self.x, self.y)
+        if not (np.isfinite(values).all() and self.zoom > 0):
+            raise OptionError(f"Part: got {values}, expected finite numbers and a positive zoom")
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Turn and zoom, shape (2, 2)."""
+        angle = np.deg2rad(self.turn_deg)
+        cos, sin = self.zoom * np.cos(angle), self.zoom * np.sin(angle)
+        return np.array([[cos, -sin], [sin, cos]])
+
+    def move(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Where points of the part go, shape (..., 2).
+
+        Examples
+        --------
+        >>> Part(dx=1, turn_deg=90, x=10, y=10).move([[12, 10]]).round(6) + 0
+        array([[11., 12.]])
+        """
+        centre = np.array([self.x, self.y])
+        moved = (np.asarray(points, np.float64) - centre) @ self.matrix.T + centre + np.array([self.dx, self.dy])
+        return np.asarray(moved, np.float64)
+
+    def trace(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Where points of the part came from, shape (..., 2): the inverse of `move`."""
+        centre = np.array([self.x, self.y])
+        offset = np.asarray(points, np.float64) - centre - np.array([self.dx, self.dy])
+        return np.asarray(offset @ np.linalg.inv(self.matrix).T + centre, np.float64)
+
+    def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which points of `prev` the part covers, shape (...,)."""
+        if self.box is None:
+            return np.ones(points.shape[:-1], dtype=np.bool_)
+        left, top, width, height = self.box
+        x, y = points[..., 0], points[..., 1]
+        return np.asarray((x >= left) & (x < left + width) & (y >= top) & (y < top + height))
+
+
+@dataclass(frozen=True)
+class MotionsPair:
+    """Two frames of a scene whose parts move each in its own way.
+
+    Attributes
+    ----------
+    prev, next : (height, width) of the sensor's dtype
+        The frames.
+    parts : tuple of Part
+        The later ones lie over the earlier ones.
+    part_prev, part_next : (height, width) int64
+        Which part is seen at each pixel.
+    """
+
+    prev: NDArray[Any]
+    next: NDArray[Any]
+    parts: tuple[Part, ...]
+    part_prev: NDArray[np.int64]
+    part_next: NDArray[np.int64]
+
+    def truth(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Where points (N, 2) of `prev` are in `next`, inside of the frame or not, hidden or not."""
+        points = np.asarray(points, np.float64)
+        if points.ndim != 2 or points.shape[1] != 2:
+            raise ShapeError(f"points: got shape {points.shape}, expected (N, 2), x and y of each point")
+        part = _at(self.part_prev, points)
+        moved = np.full(points.shape, np.nan)
+        for index, each in enumerate(self.parts):
+            moved[part == index] = each.move(points[part == index])
+        return moved
+
+    def clear(self, points: ArrayLike, *, radius: int) -> NDArray[np.bool_]:
+        """Which points see one part only within `radius` pixels, in both frames, and stay that far inside."""
+        points = np.asarray(points, np.float64)
+        moved = self.truth(points)
+        part = _at(self.part_prev, points)
+        side = np.arange(-radius, radius + 1)
+        x, y = (axis.ravel() for axis in np.meshgrid(side, side))
+        rim = np.maximum(np.abs(x), np.abs(y)) == radius
+        clear = part >= 0
+        for offset in np.stack([x[rim], y[rim]], axis=1):
+            for labels, where in ((self.part_prev, points), (self.part_next, moved)):
+                clear &= _at(labels, where + offset) == part
+        return clear
+
+
+def motions_pair(
+    parts: Sequence[Part],
+    *,
+    size: tuple[int, int] = (640, 480),
+    lighting: Lighting | None = None,
+    sensor: Sensor | None = None,
+    seed: int = 0,
+) -> MotionsPair:
+    """Two frames with several motions; what one part uncovers shows those under it.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        The later ones lie over the earlier ones; the first should cover the plane. Each has a texture of its own.
+    size : (int, int)
+        Width and height in pixels; textures repeat after 1024.
+    lighting : Lighting, optional
+        What happens to the light of `next`.
+    sensor : Sensor, optional
+        Noise and dtype of both frames; by default noise of one grey level, uint8.
+    seed : int
+        Of textures and noise.
+
+    Examples
+    --------
+    >>> pair = motions_pair([Part(dx=3), Part(turn_deg=20, x=50, y=40, box=(30, 20, 40, 40))], size=(100, 80))
+    >>> pair.truth([[10, 10], [50, 40]])
+    array([[13., 10.],
+           [50., 40.]])
+    """
+    if not parts or parts[0].box is not None:
+        raise OptionError("motions_pair: expected a first part that covers the plane (box=None)")
+    sensor = Sensor() if sensor is None else sensor
+    width, height = size
+    x, y = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    pixels = np.stack([x, y], axis=-1)
+    images = [np.zeros((height, width)) for _ in range(2)]
+    labels = [np.full((height, width), -1, dtype=np.int64) for _ in range(2)]
+    for index, part in enumerate(parts):
+        texture = Texture.make(part.kind, seed=1000 * seed + index)
+        for image, label, place in zip(images, labels, (pixels, part.trace(pixels)), strict=True):
+            inside = part.covers(place)
+            image[inside] = MEAN_LEVEL + CONTRAST_LEVELS * texture.sample(place[inside, 0], place[inside, 1])
+            label[inside] = index
+    if lighting is not None:
+        images[1] = lighting(images[1])
+    rng = np.random.default_rng([seed, 130_363])
+    prev, after = (sensor.expose(image, rng) for image in images)
+    return MotionsPair(prev, after, tuple(parts), labels[0], labels[1])
+
+
+def _at(labels: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Look up the label of the pixel that each point is in; -1 outside."""
+    height, width = labels.shape
+    whole = np.round(np.nan_to_num(points, nan=-1.0)).astype(np.int64)
+    inside = ((whole >= 0) & (whole < (width, height))).all(axis=-1)
+    found = np.full(points.shape[:-1], -1, dtype=np.int64)
+    found[inside] = labels[whole[inside, 1], whole[inside, 0]]
+    return found
