@@ -290,7 +290,7 @@ def test_demo_holds_what_it_promises(tmp_path, capsys):
 def test_without_pyav_the_videos_are_written_and_the_page_says_so(flight, tmp_path, monkeypatch):
     from rsflow import video
 
-    monkeypatch.setattr(video, "_av_encoder", lambda codec: None)
+    monkeypatch.setattr(video.sinks, "av_encoder", lambda codec: None)
     out = rsflow.extract(list(flight.images[:4]), tmp_path, frame_rate=30)
     assert out.summary["video_codec"] == "mp4v"
     with rsflow.frames(out.files["moving"]) as stream:

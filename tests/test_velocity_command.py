@@ -209,3 +209,18 @@ def test_heights_that_are_no_text(tmp_path: Path) -> None:
 def test_plot_of_nothing(tmp_path: Path) -> None:
     with pytest.raises(OptionError, match="rows is empty"):
         plot_velocity(tmp_path / "v.png", [])
+
+
+def test_a_source_that_breaks_off_keeps_what_was_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Pictures of which the fourth has another size: the three before are in the table."""
+    f = flight(frames=4, height_m=0.2, velocity_m_s=(0.02, 0.0, 0.0))
+    for number, frame in enumerate(f):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), frame.image[: -20 if number == 3 else None])
+    f.camera.save(tmp_path / "camera.json")
+    out = tmp_path / "out"
+    command = f"velocity {tmp_path}/*.png --camera {tmp_path}/camera.json --height 0.2 --rate 30".split()
+    assert cli.main([*command, "-o", str(out)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "pictures of different sizes" in line
+    assert line.endswith("velocity.csv has the 3 frames before")
+    assert len((out / "velocity.csv").read_text().splitlines()) == 4

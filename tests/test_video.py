@@ -39,7 +39,7 @@ def library(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
     if request.param == "av":
         pytest.importorskip("av")
     else:
-        monkeypatch.setattr(video, "_av_encoder", lambda codec: None)
+        monkeypatch.setattr(video.sinks, "av_encoder", lambda codec: None)
     return request.param
 
 
@@ -184,7 +184,7 @@ import resource, sys
 import numpy as np
 from rsflow import video
 if sys.argv[2] == "cv2":
-    video._av_encoder = lambda codec: None
+    video.sinks.av_encoder = lambda codec: None
 noise = np.random.default_rng(1).integers(0, 255, (30, 144, 176, 3), np.uint8)
 resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
 try:
@@ -224,7 +224,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 def test_a_forgotten_writer_does_not_hang_the_exit(tmp_path: Path, library: str) -> None:
     code = (
         "import sys, numpy as np\nfrom rsflow import video\n"
-        f"if {library!r} == 'cv2': video._av_encoder = lambda codec: None\n"
+        f"if {library!r} == 'cv2': video.sinks.av_encoder = lambda codec: None\n"
         "writer = video.VideoWriter(sys.argv[1], frame_rate=25)\n"
         "for _ in range(30): writer.write(np.zeros((64, 64), np.uint8))\n"
     )

@@ -12,7 +12,8 @@ from pathlib import Path
 def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a path beside `path` to write to, and rename it to `path` at the end.
 
-    Where the body raises, the partial file is removed and an older file of that name stays as it was.
+    Where the body raises, the partial file is removed, with the folders made for it that are empty, and an older file
+    of that name stays as it was.
 
     Parameters
     ----------
@@ -31,6 +32,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     final = Path(path)
     partial = final.with_name(f".{final.stem}.partial-{os.getpid()}{final.suffix}")
+    missing = [folder for folder in final.parents if not folder.exists()]
     try:
         final.parent.mkdir(parents=True, exist_ok=True)
         yield partial
@@ -41,6 +43,8 @@ def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
     except BaseException as error:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)
+            for folder in missing:
+                folder.rmdir()
         if isinstance(error, OSError) and error.errno is not None and type(error).__module__ == "builtins":
             raise type(error)(error.errno, f"cannot write {final}: {os.strerror(error.errno)}") from error
         raise

@@ -7,21 +7,20 @@ OpenCV's own encoder is used: VP9, which browsers play as well, at a constant ra
 from __future__ import annotations
 
 import contextlib
-import errno
-import functools
 import math
 import os
-import shutil
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from . import _video_sinks as sinks
 from ._files import writing
 from .errors import DTypeError, OptionError, ShapeError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from contextlib import AbstractContextManager
     from types import TracebackType
 
@@ -29,27 +28,9 @@ if TYPE_CHECKING:
 
     Picture = NDArray[np.uint8]
 
-__all__ = ["VideoWriter", "encoder"]
+__all__ = ["VideoWriter", "encoder", "write_lossless"]
 
-# Codec -> (encoders of FFmpeg that PyAV may have, FourCC for OpenCV); in a suffix's order of preference.
-_CODECS: dict[str, tuple[tuple[str, ...], str]] = {
-    "h264": (("libx264", "libopenh264"), "avc1"),
-    "vp9": (("libvpx-vp9",), "vp09"),
-    "mp4v": ((), "mp4v"),
-}
 _SUFFIXES: dict[str, tuple[str, ...]] = {".mp4": ("h264", "vp9", "mp4v"), ".webm": ("vp9",)}
-
-# x264's constant quality, close to what the eye tells apart; of its presets "superfast" gives the same size and error
-# at this quality as "veryfast" at 18, in two thirds of the time.
-_OPTIONS: dict[str, dict[str, str]] = {
-    "libx264": {"preset": "superfast", "crf": "20"},
-    "libvpx-vp9": {"deadline": "realtime", "cpu-used": "8", "row-mt": "1", "crf": "24", "b": "0"},
-}
-# MPEG's clock: divides every common frame rate, and fine enough for any camera's timestamps.
-_CLOCK = 90_000
-# FFmpeg's numbers for "SMPTE 170M", which is BT.601's matrix, and for luma from 16 to 235.
-_BT601 = 6
-_LIMITED = 1
 
 
 class VideoWriter:
@@ -96,7 +77,7 @@ class VideoWriter:
         self.frames = 0
         self._rate = Fraction(float(frame_rate)).limit_denominator(1001)
         self._shape: tuple[int, int] | None = None
-        self._sink: _Sink | None = None
+        self._sink: sinks.Sink | None = None
         self._file: AbstractContextManager[Path] | None = None
         self._closed = False
         self._start_s: float | None = None
@@ -218,7 +199,7 @@ class VideoWriter:
         if (t_s is None) != (self._start_s is None):
             raise OptionError("t_s must be given for every picture of a video or for none")
         since = self.frames / self._rate if t_s is None or self._start_s is None else float(t_s) - self._start_s
-        tick = round(since * _CLOCK) if math.isfinite(since) else -1
+        tick = round(since * sinks.CLOCK) if math.isfinite(since) else -1
         if tick <= self._last_tick:
             raise OptionError(f"t_s must increase from picture to picture, got {t_s} s for picture {self.frames}")
         return tick
@@ -227,7 +208,7 @@ class VideoWriter:
         file = writing(self.path)
         partial = file.__enter__()
         self._file = file
-        sink = _AvSink if self._library == "av" else _Cv2Sink
+        sink = sinks.AvSink if self._library == "av" else sinks.Cv2Sink
         self._sink = sink(partial, self.codec, self._rate, width, height)
 
     def _named(self, error: Exception) -> Exception:
@@ -273,129 +254,62 @@ def encoder(suffix: str = ".mp4", *, codec: str | None = None) -> tuple[str, str
         raise OptionError(f"codec of a {suffix} must be one of {', '.join(choices)}, got {codec!r}")
     for name in choices if codec is None else (codec,):
         for library in ("av", "cv2"):
-            if _av_encoder(name) if library == "av" else _cv2_writes(name, suffix.lower()):
+            if sinks.av_encoder(name) if library == "av" else sinks.cv2_writes(name, suffix.lower()):
                 return name, library
     raise OptionError(
         f"no encoder for {codec or ' or '.join(choices)} in {suffix} here: pip install 'rsflow[video]' brings H.264"
     )
 
 
-@functools.cache
-def _av_encoder(codec: str) -> str | None:
-    """Name of PyAV's encoder for a codec, None if there is none."""
-    try:
-        import av
-    except ImportError:
-        return None
-    return next((name for name in _CODECS[codec][0] if name in av.codecs_available), None)
+def write_lossless(path: str | os.PathLike[str], pictures: Iterable[Picture], *, frame_rate: float) -> None:
+    """Write grey pictures of one size as a video without loss: FFV1 in AVI, at a constant rate.
 
+    Parameters
+    ----------
+    path : path
+        Ends in ``.avi``. The file is written beside this name and renamed when it is complete.
+    pictures : iterable of (height, width) uint8
+        At least one.
+    frame_rate : float
+        Pictures a second.
 
-@functools.cache
-def _cv2_writes(codec: str, suffix: str) -> bool:
-    """Whether OpenCV's FFmpeg writes this codec: known only by trying, as builds differ."""
-    if codec == "h264":
-        # Builds with H.264 need a library of the system; where it is missing they print an error of their own.
-        return False
-    import tempfile
+    Raises
+    ------
+    OSError
+        If it cannot be written, a full disk for one; nothing is left then.
 
-    with tempfile.TemporaryDirectory(prefix="rsflow-") as folder:
+    Notes
+    -----
+    AVI, since Matroska rounds times to milliseconds: 3 % of a frame at 30 frames/s.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow, tempfile, pathlib
+    >>> from rsflow.video import write_lossless
+    >>> noise = list(np.random.default_rng(1).integers(0, 256, (3, 48, 64), np.uint8))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "a.avi")
+    ...     write_lossless(path, noise, frame_rate=30)
+    ...     all(np.array_equal(a.image, b) for a, b in zip(rsflow.frames(path), noise))
+    True
+    """
+    import cv2
+
+    rate = Fraction(float(frame_rate)).limit_denominator(1001)
+    sink: sinks.Cv2Sink | None = None
+    with writing(path) as partial:
         try:
-            sink = _Cv2Sink(Path(folder, f"probe{suffix}"), codec, Fraction(25), 64, 64)
-            sink.write(np.zeros((64, 64, 3), np.uint8), 0)
-            sink.close()
-        except OSError:
-            return False
-    return True
+            for picture in pictures:
+                if sink is None:
+                    sink = sinks.Cv2Sink(partial, "ffv1", rate, picture.shape[1], picture.shape[0])
+                sink.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), 0)
+            if sink is not None:
+                sink.close()
+        except BaseException:
+            if sink is not None:
+                sink.abandon()
+            raise
 
 
 class _Discarded(Exception):  # noqa: N818 - a signal to `writing`, never seen outside
     """Why a partial file is removed when nothing failed."""
-
-
-class _Sink(Protocol):
-    """An open video: pictures of even size with their time in ticks of the clock."""
-
-    def write(self, bgr: Picture, tick: int) -> None: ...
-    def close(self) -> None: ...
-    def abandon(self) -> None: ...
-
-
-class _AvSink:
-    """A video written by PyAV."""
-
-    def __init__(self, path: Path, codec: str, rate: Fraction, width: int, height: int) -> None:
-        import av
-        import cv2
-
-        from . import get_num_threads
-
-        self._av = av
-        self._cv2 = cv2
-        name = _av_encoder(codec)
-        assert name is not None
-        # The index goes to the front, so that a browser starts before it has the whole file.
-        options = {"movflags": "+faststart"} if path.suffix.lower() == ".mp4" else {}
-        self._container = av.open(str(path), "w", options=options)
-        self._stream: Any = self._container.add_stream(name, rate=rate, options=_OPTIONS.get(name, {}))
-        self._stream.width, self._stream.height = width, height
-        self._stream.pix_fmt = "yuv420p"
-        self._stream.codec_context.time_base = Fraction(1, _CLOCK)
-        self._stream.codec_context.colorspace = _BT601
-        self._stream.codec_context.color_range = _LIMITED
-        self._stream.codec_context.gop_size = max(1, min(250, round(2 * rate)))
-        self._stream.thread_count = get_num_threads()
-
-    def write(self, bgr: Picture, tick: int) -> None:
-        # OpenCV's conversion (BT.601, as tagged) rounds; FFmpeg's own truncates, two grey levels too dark.
-        yuv = self._cv2.cvtColor(bgr, self._cv2.COLOR_BGR2YUV_I420)
-        frame = self._av.VideoFrame.from_ndarray(yuv, format="yuv420p")
-        frame.colorspace = _BT601
-        frame.color_range = _LIMITED
-        frame.pts = tick
-        frame.time_base = Fraction(1, _CLOCK)
-        self._container.mux(self._stream.encode(frame))
-
-    def close(self) -> None:
-        self._container.mux(self._stream.encode(None))
-        self._container.close()
-
-    def abandon(self) -> None:
-        self._container.close()
-
-
-class _Cv2Sink:
-    """A video written by OpenCV's own FFmpeg, at a constant rate."""
-
-    def __init__(self, path: Path, codec: str, rate: Fraction, width: int, height: int) -> None:
-        import cv2
-
-        self._cv2 = cv2
-        self._path = path
-        self._frames = 0
-        fourcc = cv2.VideoWriter.fourcc(*_CODECS[codec][1])
-        self._writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, fourcc, float(rate), (width, height))
-        if not self._writer.isOpened():
-            raise self._failure(f"OpenCV cannot write {codec} as {path.suffix}")
-
-    def write(self, bgr: Picture, _: int) -> None:
-        self._writer.write(bgr)
-        self._frames += 1
-
-    def close(self) -> None:
-        self._writer.release()
-        # OpenCV drops what it cannot write without a word, so what it left is read back.
-        video = self._cv2.VideoCapture(str(self._path), self._cv2.CAP_FFMPEG)
-        frames = int(video.get(self._cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
-        video.release()
-        if frames != self._frames:
-            raise self._failure(f"OpenCV kept {frames} of {self._frames} pictures")
-
-    def abandon(self) -> None:
-        self._writer.release()
-
-    def _failure(self, text: str) -> OSError:
-        with contextlib.suppress(OSError):
-            # Less than a last buffer of the encoder: the disk is as good as full.
-            if shutil.disk_usage(self._path.parent).free > 1 << 18:
-                return OSError(errno.EIO, text)
-        return OSError(errno.ENOSPC, text)

@@ -195,20 +195,11 @@ def write_flight(flight: Flight, video: Path, camera: Path) -> None:
     """Write the frames as a video without loss, and the camera as JSON.
 
     A video that loses detail, as H.264 does, costs more accuracy than all that is in the flight: 0.07 px a frame at
-    high quality. AVI, since Matroska rounds times to milliseconds: 3 % of a frame at 30 frames/s.
+    high quality.
     """
-    import cv2
+    from rsflow.video import write_lossless
 
-    from rsflow._files import writing
-
-    size = (flight.camera.width, flight.camera.height)
-    with writing(video) as partial:
-        writer = cv2.VideoWriter(str(partial), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), RATE_HZ, size)
-        if not writer.isOpened():
-            raise OSError(f"{video}: this OpenCV ({cv2.__version__}) cannot write FFV1, the lossless video of the demo")
-        for image in flight.images:
-            writer.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
-        writer.release()
+    write_lossless(video, flight.images, frame_rate=RATE_HZ)
     flight.camera.save(camera)
 
 

@@ -56,10 +56,9 @@ def run(args: argparse.Namespace) -> int:
     camera = rsflow.Camera.load(args.camera)
     heights = None if args.height_csv is None else Heights.read(args.height_csv)
     folder = Path(args.output)
-    # Found out before the work, not after it.
-    folder.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
     budget, interrupted = "", False
+    broken: rsflow.RsflowError | None = None
     source = int(args.source) if args.source.isdecimal() else args.source
     with rsflow.frames(source, frame_rate=args.rate, start=args.start, stop=args.stop, stride=args.stride) as sequence:
         estimator = None
@@ -70,12 +69,18 @@ def run(args: argparse.Namespace) -> int:
                     estimator = rsflow.VelocityEstimator(
                         _fitting(camera, width, height), height_m=args.height, height_std_m=args.height_std
                     )
+                    # A folder that cannot be made fails now, not after the last frame.
+                    folder.mkdir(parents=True, exist_ok=True)
                 own = None if heights is None else heights.at(frame=frame.index, t_s=frame.t_s)
                 v = estimator.update(frame.image, frame.t_s, height_m=own)
                 rows.append(velocity_row(v, frame=frame.index, height_m=args.height if own is None else own))
                 budget = v.budget() if v.valid else budget
         except KeyboardInterrupt:
             interrupted = True
+        except rsflow.RsflowError as error:
+            if not rows:
+                raise
+            broken = error
     table, picture = folder / "velocity.csv", folder / "velocity.png"
     write_velocity_csv(table, rows)
     note = _plotted(picture, rows, str(args.source))
@@ -86,6 +91,8 @@ def run(args: argparse.Namespace) -> int:
         _show(summary, budget)
     if note is not None:
         print(f"rsflow velocity: no plot: {note}", file=sys.stderr)
+    if broken is not None:
+        raise type(broken)(f"{broken}; {table} has the {len(rows)} frames before") from broken
     if interrupted:
         raise KeyboardInterrupt(f"interrupted after {len(rows)} frames; {table} has them")
     return 0

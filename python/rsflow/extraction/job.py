@@ -246,7 +246,8 @@ def _reason(error: BaseException) -> str:
 def _kept(extraction: Extraction) -> str:
     if not extraction.files:
         return f"nothing could be kept in {extraction.folder}"
-    return f"{extraction.frames} frames are kept as *.partial.* in {extraction.folder}"
+    kept = "1 frame is kept" if extraction.frames == 1 else f"{extraction.frames} frames are kept"
+    return f"{kept} as *.partial.* in {extraction.folder}"
 
 
 def _going_on(extraction: Extraction) -> str:

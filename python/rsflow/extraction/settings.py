@@ -49,6 +49,8 @@ class ExtractSettings:
                 raise OptionError(f"{name}: got {value!r}, expected one of {', '.join(allowed)}")
         if self.height_m is not None and self.camera is None:
             raise OptionError("height_m: a height needs a camera too, since a velocity follows from both: pass camera=")
+        if self.camera is not None and self.height_m is None:
+            raise OptionError("camera: a camera needs a height too, since a velocity follows from both: pass height_m=")
         if isinstance(self.height_m, (int, float)) and not (math.isfinite(self.height_m) and self.height_m > 0):
             raise OptionError(f"height_m: got {self.height_m}, expected metres above 0")
         if not (math.isfinite(self.height_std_m) and self.height_std_m >= 0):

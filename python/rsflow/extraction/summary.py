@@ -99,7 +99,7 @@ def key_figures(motion: Series, velocity: Series | None, track: Series | None) -
 def text(figures: dict[str, Any]) -> str:
     """Say the key figures in a sentence or two."""
     pairs = max(figures["frames"] - 1, 0)
-    parts = [f"{figures['frames']} frames"]
+    parts = [f"{figures['frames']} frame{'' if figures['frames'] == 1 else 's'}"]
     if math.isfinite(figures["duration_s"]):
         parts[0] += f" over {figures['duration_s']:.2f} s"
     parts.append(f"the displacement was measured in {figures['measured']} of {pairs} pairs")
@@ -108,7 +108,8 @@ def text(figures: dict[str, Any]) -> str:
         parts.append(
             f"in sum the picture went {round(x, 2) + 0.0:+.2f} px to the right and {round(y, 2) + 0.0:+.2f} px down"
         )
-    parts.append(f"{100 * figures['moving_share']:.1f} % of the picture moves on its own on average")
+    if math.isfinite(figures["moving_share"]):
+        parts.append(f"{100 * figures['moving_share']:.1f} % of the picture moves on its own on average")
     lines = "; ".join(parts) + "."
     if figures.get("velocity_measured"):
         lines += (
