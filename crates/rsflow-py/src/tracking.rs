@@ -138,6 +138,7 @@ fn to_dict<'py>(
     let mut residual = Array1::<f32>::zeros(count);
     let mut covariance = Array3::<f32>::zeros((count, 2, 2));
     let mut forward_backward = Array1::<f32>::zeros(count);
+    let mut deformation = Array3::<f32>::zeros((count, 2, 2));
     for (row, track) in tracks.enumerate() {
         points[(row, 0)] = track.position[0];
         points[(row, 1)] = track.position[1];
@@ -149,6 +150,9 @@ fn to_dict<'py>(
         covariance[(row, 1, 0)] = xy;
         covariance[(row, 1, 1)] = yy;
         forward_backward[row] = track.forward_backward;
+        for (index, entry) in track.deformation.into_iter().flatten().enumerate() {
+            deformation[(row, index / 2, index % 2)] = entry;
+        }
     }
     let dict = PyDict::new(py);
     dict.set_item("points", points.into_pyarray(py))?;
@@ -156,6 +160,7 @@ fn to_dict<'py>(
     dict.set_item("residual", residual.into_pyarray(py))?;
     dict.set_item("covariance", covariance.into_pyarray(py))?;
     dict.set_item("forward_backward", forward_backward.into_pyarray(py))?;
+    dict.set_item("deformation", deformation.into_pyarray(py))?;
     Ok(dict)
 }
 

@@ -227,10 +227,12 @@ class VelocityEstimator:
         shared = overlap(flow.before, flow.window)
         fit = plane.fit(self._points(flow, spread), interval, overlap=shared)
         if fit is not None and (len(fit.terms) > 2 or interval.turn.any()):
-            # The windows grow or turn: their displacement is that of a place off their middle.
+            # Where windows grow or turn and were followed as if they did not, their displacement is that of a place off
+            # their middle.
             places = flow.moved(centers(prev, flow.before, flow.window))
             known = np.asarray(np.isfinite(self._rays(places)).all(axis=(0, 2)))
-            flow = flow.moved(np.where(known[:, None], places.before, flow.before))
+            apart = known & ~flow.deformed
+            flow = flow.moved(np.where(apart[:, None], places.before, flow.before))
             fit = plane.fit(self._points(flow, spread), interval, overlap=shared)
         if fit is None:
             return unmeasured(VelocityStatus.TOO_FEW_POINTS, t_s, interval.dt_s, moved)

@@ -27,6 +27,7 @@ _FLOOR_PX = 0.004
 class GroundFlow:
     """Points that were followed, in pixels, with the covariance (N, 2, 2) of their displacement.
 
+    `deformed` says which were followed with a window that turns and grows, so that the displacement is the point's own.
     `offered` counts the points that were looked for and should be inside the second picture; `related` says whether
     the whole pictures could be laid over each other.
     """
@@ -34,13 +35,20 @@ class GroundFlow:
     before: F64
     after: F64
     covariance: F64
+    deformed: NDArray[np.bool_]
     window: int
     offered: int
     related: bool
 
     def only(self, which: NDArray[np.bool_]) -> GroundFlow:
         """Keep the points where `which` is True."""
-        return replace(self, before=self.before[which], after=self.after[which], covariance=self.covariance[which])
+        return replace(
+            self,
+            before=self.before[which],
+            after=self.after[which],
+            covariance=self.covariance[which],
+            deformed=self.deformed[which],
+        )
 
     def moved(self, to: F64) -> GroundFlow:
         """Put the same displacements at other places of the first frame."""
@@ -66,20 +74,26 @@ def follow(prev: NDArray[Any], after: NDArray[Any], turned: Turned | None) -> Gr
     corners = detect_corners(prev, max_corners=400, quality=0.002, min_distance=max(6, window // 2))
     points = np.asarray(corners, dtype=np.float64)
     if len(points) == 0:
-        return GroundFlow(points, points, np.zeros((0, 2, 2)), window, 0, True)
+        return GroundFlow(points, points, np.zeros((0, 2, 2)), np.zeros(0, np.bool_), window, 0, True)
     seed, related = _seed(prev, after, turned)
     start = points + seed if turned is None else _or_given(turned(points + seed), points)
     height, width = prev.shape
     expected = ((start >= 0) & (start <= (width - 1, height - 1))).all(axis=1)
     points, start = points[expected], start[expected]
     if len(points) == 0:
-        return GroundFlow(points, points, np.zeros((0, 2, 2)), window, 0, related)
+        return GroundFlow(points, points, np.zeros((0, 2, 2)), np.zeros(0, np.bool_), window, 0, related)
     tracks = track_points(prev, after, points.astype(np.float32), window_size=window, initial=start.astype(np.float32))
     good = np.asarray(tracks.valid)
     covariance = np.asarray(tracks.covariance, dtype=np.float64)[good] + _FLOOR_PX**2 * np.eye(2)
     before = points[good].astype(np.float32).astype(np.float64)
     return GroundFlow(
-        before, np.asarray(tracks.points, dtype=np.float64)[good], covariance, window, int(expected.sum()), related
+        before,
+        np.asarray(tracks.points, dtype=np.float64)[good],
+        covariance,
+        np.asarray((tracks.deformation[good] != np.eye(2, dtype=np.float32)).any(axis=(1, 2))),
+        window,
+        int(expected.sum()),
+        related,
     )
 
 

@@ -143,6 +143,7 @@ impl Problem<'_> {
                 residual,
                 covariance: fit.covariance.map(|value| value as f32),
                 forward_backward,
+                deformation: answer.warp.matrix.map(|row| row.map(|entry| entry as f32)),
                 unexplained: unexplained as f32,
             },
             warp: answer.warp,

@@ -106,6 +106,7 @@ impl Problem<'_> {
             residual: fit.variance.sqrt() as f32,
             covariance: fit.covariance.map(|value| value as f32),
             forward_backward,
+            deformation: [[1.0, 0.0], [0.0, 1.0]],
             unexplained: (fit.variance / fit.signal) as f32,
         }
     }

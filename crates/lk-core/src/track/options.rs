@@ -270,6 +270,9 @@ pub struct TrackedPoint {
     pub covariance: [f32; 3],
     /// Distance from where the point came from to where it comes back, in pixels; NaN if it was not measured.
     pub forward_backward: f32,
+    /// How the surroundings are turned, scaled and sheared: where the offsets (1, 0) and (0, 1) from the point are in
+    /// `next`, as columns. The identity where a displacement alone explains the window; NaN unless tracked.
+    pub deformation: [[f32; 2]; 2],
     /// Share of the window's variance that is left; 0 unless tracked.
     pub(crate) unexplained: f32,
 }
@@ -284,6 +287,7 @@ impl TrackedPoint {
             residual: f32::NAN,
             covariance: [f32::INFINITY, 0.0, f32::INFINITY],
             forward_backward: f32::NAN,
+            deformation: [[f32::NAN; 2]; 2],
             unexplained: 0.0,
         }
     }
