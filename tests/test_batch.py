@@ -1,6 +1,12 @@
 """The main job over many sources."""
 
+import os
+import re
+import signal
+import subprocess
+import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -106,3 +112,30 @@ def test_an_interrupted_batch_begins_no_more(clips, tmp_path, monkeypatch):
     assert [item.status for item in items[1:]] == ["cancelled", "cancelled"]
     assert all("not begun" in item.error for item in items[1:])
     assert not (tmp_path / "b").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="process groups are POSIX")
+def test_ctrl_c_at_the_terminal_keeps_what_runs_beside_a_worker_that_waits(clips, tmp_path):
+    """Every process of the group gets the signal: the one that is done and idle must not take the others with it."""
+    long = tmp_path / "long"
+    long.mkdir()
+    pictures = sorted((clips / "a").iterdir())
+    for number in range(600):
+        (long / f"{number:04}.png").symlink_to(pictures[number % len(pictures)])
+    command = [sys.executable, "-m", "rsflow", "batch", str(clips / "a"), str(long), "-o", str(tmp_path / "out")]
+    process = subprocess.Popen(
+        [*command, "--jobs", "2", "--rate", "30", "--no-videos"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    first = process.stderr.readline()
+    assert "a: done" in first
+    time.sleep(1.0)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert re.search(r"long: partial: interrupted after frame \d+", err), err
+    assert re.search(r"long +partial", out), out

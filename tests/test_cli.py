@@ -34,6 +34,7 @@ def test_every_command_is_listed_and_teaches(name, capsys):
     text = capsys.readouterr().out
     assert f"rsflow {name}" in text
     assert "example" in text
+    assert "exit code" in text.lower()
     assert main(["help", name]) == 0
     assert capsys.readouterr().out == text
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import signal
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -81,7 +82,8 @@ def _extract_one(source: str | int, folder: str, threads: int | None, options: d
     begun = False
     try:
         begun = True
-        done = extract(source, folder, **options)
+        with _busy():
+            done = extract(source, folder, **options)
         return BatchItem(source, Path(folder), "done", "", done.summary)
     except (PartialExtractionError, ExtractionInterrupted) as stop:
         return BatchItem(source, Path(folder), "partial", _one_line(stop), stop.extraction.summary)
@@ -97,9 +99,25 @@ def _one_line(error: BaseException) -> str:
     return " ".join(str(error).split())
 
 
+def _idle(number: int, frame: object) -> None:
+    """Do nothing at Ctrl-C, which reaches every process of the group: a worker that dies would break the whole pool."""
+
+
 def _worker_signals() -> None:
-    """Ctrl-C reaches every process of the group: an idle worker has nothing to keep and just ends."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGINT, _idle)
+
+
+@contextlib.contextmanager
+def _busy() -> Iterator[None]:
+    """Let Ctrl-C end the work at hand of a worker of our own pool."""
+    ours = signal.getsignal(signal.SIGINT) is _idle
+    if ours:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, _idle)
 
 
 def extract_many(

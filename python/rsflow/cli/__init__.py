@@ -45,8 +45,11 @@ commands:
 {commands}
 
 'rsflow COMMAND --help' explains each, with examples.
-exit codes: 0 done, 1 failed (one line says why), 2 wrong usage, 130 interrupted.
+{exit_codes}
 RSFLOW_TRACEBACK=1 shows where in the program an error arose."""
+
+
+_EXIT_CODES = "exit codes: 0 done, 1 failed (one line says why), 2 wrong usage, 130 interrupted."
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
@@ -69,7 +72,8 @@ class Parser(argparse.ArgumentParser):
 def _overview() -> str:
     names = [name for name in _FIRST if name in COMMANDS] + sorted(set(COMMANDS) - set(_FIRST))
     width = max((len(name) for name in names), default=0)
-    return _OVERVIEW.format(commands="\n".join(f"  {name:<{width}}  {COMMANDS[name][1]}" for name in names))
+    commands = "\n".join(f"  {name:<{width}}  {COMMANDS[name][1]}" for name in names)
+    return _OVERVIEW.format(commands=commands, exit_codes=_EXIT_CODES)
 
 
 def _top_parser() -> Parser:
@@ -103,6 +107,8 @@ def _parsed(arguments: list[str]) -> tuple[str, Callable[[argparse.Namespace], i
     parser = Parser(
         prog=f"rsflow {name}",
         description=module.DESCRIPTION,
+        # Where a command's codes mean no more than all others', they are said here.
+        epilog=None if "exit code" in module.DESCRIPTION.lower() else _EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
