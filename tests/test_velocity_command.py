@@ -224,3 +224,24 @@ def test_a_source_that_breaks_off_keeps_what_was_measured(tmp_path: Path, capsys
     assert "pictures of different sizes" in line
     assert line.endswith("velocity.csv has the 3 frames before")
     assert len((out / "velocity.csv").read_text().splitlines()) == 4
+
+
+@pytest.mark.parametrize(
+    ("table", "has"),
+    [
+        ("t_s,height_m\n10,0.2\n20,0.2\n", "times from 10 to 20 s"),
+        ("frame,height_m\n0,0.2\n2,0.2\n", "2 frames from 0 to 2, each by its own row"),
+    ],
+)
+def test_frames_without_a_height_say_what_the_table_has(
+    table: str, has: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    f = flight(frames=3, height_m=0.2, velocity_m_s=(0.02, 0.0, 0.0))
+    for number, frame in enumerate(f):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), frame.image)
+    f.camera.save(tmp_path / "camera.json")
+    (tmp_path / "heights.csv").write_text(table)
+    command = f"velocity {tmp_path}/*.png --camera {tmp_path}/camera.json --height-csv {tmp_path}/heights.csv --rate 30"
+    assert cli.main([*command.split(), "-o", str(tmp_path / "out")]) == 0
+    err = capsys.readouterr().err
+    assert f"{tmp_path}/heights.csv has {has}" in err

@@ -89,6 +89,11 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(summary, indent=2))
     else:
         _show(summary, budget)
+    without = sum(row["status"] == "no_height" for row in rows)
+    if heights is not None and without:
+        print(
+            f"rsflow velocity: {without} frames have no height: {args.height_csv} has {heights.span}", file=sys.stderr
+        )
     if note is not None:
         print(f"rsflow velocity: no plot: {note}", file=sys.stderr)
     if broken is not None:

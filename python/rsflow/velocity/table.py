@@ -105,6 +105,13 @@ class Heights:
             raise FormatError(f"{path}: row {at + 2}: height_m is {heights[at]:g}, expected metres above 0")
         return cls(by, keys, heights)
 
+    @property
+    def span(self) -> str:
+        """What the table covers, in words."""
+        if self.by == "t_s":
+            return f"times from {self.keys[0]:g} to {self.keys[-1]:g} s"
+        return f"{len(self.keys)} frames from {self.keys[0]:g} to {self.keys[-1]:g}, each by its own row"
+
     def at(self, *, frame: int, t_s: float) -> float:
         """Height for a frame: the row of its number, or between the times before and after it; NaN outside."""
         if self.by == "t_s":
@@ -190,9 +197,12 @@ def plot_velocity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], 
         axes.fill_between(t, v - 2 * std, v + 2 * std, color=color, alpha=0.2, linewidth=0)
     axes.axhline(0.0, color="0.7", linewidth=0.8, zorder=0)
     axes.set_ylabel("velocity of the camera (m/s)")
-    axes.legend(loc="upper right", ncols=3, title="band: 2 standard deviations", fontsize="small")
+    # Above the axes, where it covers nothing.
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, title="band: 2 standard deviations", fontsize="small"
+    )
     if title:
-        axes.set_title(title)
+        axes.set_title(title, loc="left")
     speed = np.hypot([row["vx_m_s"] for row in rows], [row["vy_m_s"] for row in rows])
     below.plot(t, speed, color="0.2", linewidth=1.2, marker=".", markersize=3)
     blind = np.array([not np.isfinite(value) for value in speed])
@@ -202,7 +212,8 @@ def plot_velocity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], 
             t[blind], np.zeros(int(blind.sum())), "x", color="C3", markersize=5, clip_on=False, label="not measured"
         )
         below.legend(loc="upper right", fontsize="small")
-    below.set_ylim(bottom=0.0)
+    highest = float(np.nanmax(speed)) if np.isfinite(speed).any() else 0.0
+    below.set_ylim(0.0, 1.3 * highest if highest > 0 else 1.0)
     below.set_ylabel("speed over ground (m/s)")
     below.set_xlabel("time (s)")
     with writing(path) as partial:
