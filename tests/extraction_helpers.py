@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rsflow import synthetic
 from rsflow.extraction.tables import partial_name
 
 HEIGHT_M = 0.2
@@ -18,6 +19,17 @@ FILES = {
     "background.png",
     "summary.json",
 }
+
+
+def made_flight():
+    """A short flight in light that drifts, with a thing that moves."""
+    return synthetic.flight_with_object(
+        frames=16,
+        height_m=HEIGHT_M,
+        velocity_m_s=(0.04, -0.015, 0.0),
+        exposure_drift=synthetic.auto_exposure(0.1),
+        seed=3,
+    )
 
 
 def rows_of(path):

@@ -12,8 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import rsflow
-from extraction_helpers import HEIGHT_M, names_in
-from rsflow import synthetic
+from extraction_helpers import made_flight, names_in
 from rsflow.batch import extract_many, folder_names
 from rsflow.cli import main
 from rsflow.errors import OptionError
@@ -21,13 +20,7 @@ from rsflow.errors import OptionError
 
 @pytest.fixture(scope="module")
 def flight():
-    return synthetic.flight_with_object(
-        frames=16,
-        height_m=HEIGHT_M,
-        velocity_m_s=(0.04, -0.015, 0.0),
-        exposure_drift=synthetic.auto_exposure(0.1),
-        seed=3,
-    )
+    return made_flight()
 
 
 # --- many sources ---------------------------------------------------------------------------------------------------

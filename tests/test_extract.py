@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rsflow
-from extraction_helpers import FILES, HEIGHT_M, names_in, numbers, rows_of
+from extraction_helpers import FILES, HEIGHT_M, made_flight, names_in, numbers, rows_of
 from rsflow import synthetic
 from rsflow.cli import main
 from rsflow.errors import CaptureError, FormatError, OptionError
@@ -17,13 +17,7 @@ from rsflow.extraction.probe import camera_motion
 
 @pytest.fixture(scope="module")
 def flight():
-    return synthetic.flight_with_object(
-        frames=16,
-        height_m=HEIGHT_M,
-        velocity_m_s=(0.04, -0.015, 0.0),
-        exposure_drift=synthetic.auto_exposure(0.1),
-        seed=3,
-    )
+    return made_flight()
 
 
 @pytest.fixture(scope="module")

@@ -10,21 +10,14 @@ import numpy as np
 import pytest
 
 import rsflow
-from extraction_helpers import FILES, HEIGHT_M, names_in, partials, rows_of
-from rsflow import synthetic
+from extraction_helpers import FILES, made_flight, names_in, partials, rows_of
 from rsflow.cli import main
 from rsflow.errors import CaptureError
 
 
 @pytest.fixture(scope="module")
 def flight():
-    return synthetic.flight_with_object(
-        frames=16,
-        height_m=HEIGHT_M,
-        velocity_m_s=(0.04, -0.015, 0.0),
-        exposure_drift=synthetic.auto_exposure(0.1),
-        seed=3,
-    )
+    return made_flight()
 
 
 # --- early ends -----------------------------------------------------------------------------------------------------

@@ -14,6 +14,18 @@ pub mod track;
 
 use lk_core::{Execution, Level};
 
+/// Call a function that is generic over the pixel type with the one that a case asks for.
+macro_rules! by_depth {
+    ($depth:expr, $check:ident($case:expr)) => {
+        match $depth {
+            $crate::frames::Depth::Byte => $check::<u8>($case),
+            $crate::frames::Depth::Deep => $check::<u16>($case),
+            $crate::frames::Depth::Float => $check::<f32>($case),
+        }
+    };
+}
+use by_depth;
+
 /// One thread and the plainest instructions: what every other way to run is held to.
 fn plain() -> Execution {
     Execution::default().threads(1).level(Level::Baseline)

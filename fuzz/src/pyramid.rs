@@ -4,8 +4,8 @@ use arbitrary::Arbitrary;
 use lk_core::{Plane, Pyramid, Spline, bilinear};
 use ndarray::Array2;
 
-use crate::frames::{Depth, Frames, Grey};
-use crate::{others, plain};
+use crate::frames::{Frames, Grey};
+use crate::{by_depth, others, plain};
 
 /// A frame, and places to look at.
 #[derive(Debug, Arbitrary)]
@@ -18,11 +18,7 @@ pub struct Case {
 
 /// Panic if something is wrong with this case.
 pub fn check(case: &Case) {
-    match case.frames.depth {
-        Depth::Byte => check_as::<u8>(case),
-        Depth::Deep => check_as::<u16>(case),
-        Depth::Float => check_as::<f32>(case),
-    }
+    by_depth!(case.frames.depth, check_as(case));
 }
 
 fn check_as<T: Grey>(case: &Case) {

@@ -3,8 +3,8 @@
 use arbitrary::Arbitrary;
 use lk_core::{Execution, Illumination, Roi, Shift, ShiftOptions, estimate_shift};
 
-use crate::frames::{Depth, Frames, Grey, mask};
-use crate::{others, plain};
+use crate::frames::{Frames, Grey, mask};
+use crate::{by_depth, others, plain};
 
 /// Frames and options.
 #[derive(Debug, Arbitrary)]
@@ -21,11 +21,7 @@ const FARTHEST_PX: f64 = 0.5;
 
 /// Panic if something is wrong with this case.
 pub fn check(case: &Case) {
-    match case.frames.depth {
-        Depth::Byte => check_as::<u8>(case),
-        Depth::Deep => check_as::<u16>(case),
-        Depth::Float => check_as::<f32>(case),
-    }
+    by_depth!(case.frames.depth, check_as(case));
 }
 
 fn check_as<T: Grey>(case: &Case) {

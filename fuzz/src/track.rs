@@ -3,9 +3,9 @@
 use arbitrary::Arbitrary;
 use lk_core::{Execution, Illumination, PointStatus, TrackOptions, TrackedPoint, track_points};
 
-use crate::frames::{Depth, Frames, Grey, mask};
+use crate::frames::{Frames, Grey, mask};
 use crate::shift::light;
-use crate::{others, plain};
+use crate::{by_depth, others, plain};
 
 /// Frames, points and options.
 #[derive(Debug, Arbitrary)]
@@ -32,11 +32,7 @@ const MOST: usize = 32;
 
 /// Panic if something is wrong with this case.
 pub fn check(case: &Case) {
-    match case.frames.depth {
-        Depth::Byte => check_as::<u8>(case),
-        Depth::Deep => check_as::<u16>(case),
-        Depth::Float => check_as::<f32>(case),
-    }
+    by_depth!(case.frames.depth, check_as(case));
 }
 
 fn check_as<T: Grey>(case: &Case) {

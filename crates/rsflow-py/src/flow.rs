@@ -4,14 +4,11 @@ use std::sync::{Mutex, PoisonError};
 
 use lk_core::{DenseHints, DenseOptions, FlowField, Frame, Pixel};
 use ndarray::{Array2, Array3};
-use numpy::{
-    IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArray,
-    PyUntypedArrayMethods,
-};
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
 use crate::errors::{raise, to_python};
-use crate::frames::{AnyFrame, mask, pair};
+use crate::frames::{AnyFrame, described, mask, pair};
 use crate::interrupt::run;
 use crate::with_pair;
 
@@ -129,15 +126,7 @@ fn initial_flow<'py>(
 ) -> PyResult<Option<PyReadonlyArray3<'py, f32>>> {
     let Some(value) = value else { return Ok(None) };
     let array = value.extract::<PyReadonlyArray3<'py, f32>>().map_err(|_| {
-        let got = value.cast::<PyUntypedArray>().map_or_else(
-            |_| {
-                value
-                    .get_type()
-                    .name()
-                    .map_or_else(|_| "an object".to_owned(), |name| name.to_string())
-            },
-            |array| format!("dtype {} and {} dimensions", array.dtype(), array.ndim()),
-        );
+        let got = described(value);
         raise(
             "DTypeError",
             format!("initial: got {got}, expected a float32 array (height, width, 2)"),

@@ -154,6 +154,25 @@ pub(crate) fn pair<'a>(prev: &'a AnyFrame<'_>, next: &'a AnyFrame<'_>) -> PyResu
     }
 }
 
+/// What a message says of an object: the type and shape of an array, the type of anything else.
+pub(crate) fn described(value: &Bound<'_, PyAny>) -> String {
+    value.cast::<PyUntypedArray>().map_or_else(
+        |_| {
+            value
+                .get_type()
+                .name()
+                .map_or_else(|_| "an object".to_owned(), |name| name.to_string())
+        },
+        |array| {
+            format!(
+                "dtype {}, shape {}",
+                array.dtype(),
+                shape_text(array.shape())
+            )
+        },
+    )
+}
+
 /// Borrow a boolean mask of the size `expected` (height, width).
 pub(crate) fn mask<'py>(
     value: Option<&Bound<'py, PyAny>>,
@@ -165,21 +184,7 @@ pub(crate) fn mask<'py>(
     let array = value
         .extract::<PyReadonlyArray2<'py, bool>>()
         .map_err(|_| {
-            let got = value.cast::<PyUntypedArray>().map_or_else(
-                |_| {
-                    value
-                        .get_type()
-                        .name()
-                        .map_or_else(|_| "an object".to_owned(), |name| name.to_string())
-                },
-                |array| {
-                    format!(
-                        "dtype {}, shape {}",
-                        array.dtype(),
-                        shape_text(array.shape())
-                    )
-                },
-            );
+            let got = described(value);
             raise(
                 "DTypeError",
                 format!(

@@ -5,12 +5,12 @@ use lk_core::{
     TrackOptions, TrackedPoint,
 };
 use numpy::ndarray::{Array1, Array2, Array3};
-use numpy::{IntoPyArray, PyReadonlyArray2, PyUntypedArray, PyUntypedArrayMethods};
+use numpy::{IntoPyArray, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::errors::{raise, to_python};
-use crate::frames::{AnyFrame, mask, pair};
+use crate::frames::{AnyFrame, described, mask, pair};
 use crate::{interrupt, with_pair, with_view};
 
 /// Pixels of a frame, or of the windows of its points, that cost as much as one of those by which [`interrupt::run`]
@@ -60,15 +60,7 @@ fn points_of(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<[f32; 2]>> {
 }
 
 fn unfit(name: &str, value: &Bound<'_, PyAny>) -> PyErr {
-    let got = value.cast::<PyUntypedArray>().map_or_else(
-        |_| {
-            value
-                .get_type()
-                .name()
-                .map_or_else(|_| "an object".to_owned(), |name| name.to_string())
-        },
-        |array| format!("dtype {}, shape {:?}", array.dtype(), array.shape()),
-    );
+    let got = described(value);
     raise(
         "ShapeError",
         format!("{name}: got {got}, expected (N, 2) float32, x and y of each point"),
