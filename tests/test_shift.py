@@ -111,6 +111,60 @@ def test_one_direction_of_texture_is_an_aperture():
     assert np.isnan(shift.dx)
 
 
+@pytest.mark.parametrize("period", [4.0, 9.0, 20.0])
+@pytest.mark.parametrize("angle", [0.0, 0.7, 2.0])
+def test_a_grating_is_an_aperture_and_not_measured_along_itself(period, angle):
+    rng = np.random.default_rng(round(10 * period + angle))
+    y, x = np.mgrid[0:60, 0:60]
+    across = 2 * np.pi / period * (x * np.cos(angle) + y * np.sin(angle))
+    prev, nxt = (110 + 50 * np.sin(across - phase) + rng.standard_normal(x.shape) for phase in (0.0, 1.1))
+    shift = estimate_shift(prev.astype(np.float32), nxt.astype(np.float32))
+    assert shift.status == ShiftStatus.APERTURE
+
+
+def checked(dx: float, dy: float, period: float, extra: float, seed: int) -> list[np.ndarray]:
+    """Two frames of an egg box pattern over a texture of standard deviation `extra`, with noise."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[0:60, 0:60]
+    texture = scene(140, 140, seed=seed) - 110
+    frames = []
+    for u, v, plain in ((0.0, 0.0, texture), (dx, dy, moved(texture, dx, dy))):
+        waves = np.sin(2 * np.pi / period * (x - u)) + np.sin(2 * np.pi / period * (y - v))
+        frame = 110 + 30 * waves + extra / 25 * plain[40:100, 40:100] + rng.standard_normal(x.shape)
+        frames.append(np.clip(np.round(frame), 0, 255).astype(np.uint8))
+    return frames
+
+
+@pytest.mark.parametrize("period", [6.0, 10.0, 16.0])
+def test_a_pattern_that_repeats_is_ambiguous_unless_the_motion_is_known_to_be_short(period):
+    dx, dy = 0.3 * period, -0.2 * period
+    frames = checked(dx, dy, period, extra=0.0, seed=3)
+    assert estimate_shift(*frames).status == ShiftStatus.AMBIGUOUS
+    shift = estimate_shift(*frames, max_displacement=0.45 * period)
+    assert shift.valid
+    assert np.hypot(shift.dx - dx, shift.dy - dy) < 0.02
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_texture_tells_one_period_from_the_next(seed):
+    dx, dy = np.random.default_rng(seed).uniform(-9, 9, 2)
+    shift = estimate_shift(*checked(dx, dy, 10.0, extra=9.0, seed=seed))
+    assert shift.valid
+    assert np.hypot(shift.dx - dx, shift.dy - dy) < 0.05
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_two_motions_are_not_averaged(seed):
+    rng = np.random.default_rng(seed)
+    left, right = (rng.uniform(-3, 3, 2) for _ in range(2))
+    right = left + np.sign(right) * (1.5 + np.abs(right))
+    halves = [pair(*motion, seed=seed + 100 * k, sigma=2.0, noise=1.0) for k, motion in enumerate((left, right))]
+    prev, nxt = (np.where(np.arange(60) < 30, a, b) for a, b in zip(*halves, strict=True))
+    shift = estimate_shift(prev, nxt)
+    if shift.valid:
+        assert min(np.hypot(shift.dx - dx, shift.dy - dy) for dx, dy in (left, right)) < 0.5
+
+
 def test_every_type_and_layout_gives_the_same():
     prev, nxt = (np.round(frame).astype(np.uint8) for frame in pair(3.4, -1.2))
     want = estimate_shift(prev, nxt)

@@ -33,6 +33,8 @@ class ShiftStatus(IntEnum):
     """Nothing in the other frame looks like the window: a scene cut, or motion beyond `max_displacement`."""
     NOT_CONVERGED = 6
     """The iteration did not settle."""
+    AMBIGUOUS = 7
+    """The window repeats: another displacement within `max_displacement` explains the frames as well."""
 
     @property
     def explanation(self) -> str:
@@ -48,6 +50,7 @@ _EXPLANATIONS = {
     ShiftStatus.APERTURE: "the window shows structure in one direction only: motion along it cannot be seen",
     ShiftStatus.NO_MATCH: "nothing in the other frame looks like the window: a scene cut, or motion that is too large",
     ShiftStatus.NOT_CONVERGED: "the iteration did not settle",
+    ShiftStatus.AMBIGUOUS: "the window repeats: another displacement explains the frames as well",
 }
 
 
@@ -122,7 +125,8 @@ def estimate_shift(
         How light may change: ``next = gain * prev + offset``, ``next = prev + offset`` or not at all. Both may vary
         slowly over the window.
     max_displacement : float, optional
-        The largest displacement along each axis, in pixels; by default half the window.
+        The largest displacement along each axis, in pixels; by default half the window. A pattern that repeats within
+        this reach is `ShiftStatus.AMBIGUOUS`: below half a period it is measured.
 
     Returns
     -------
@@ -158,7 +162,7 @@ def estimate_shift(
     >>> import rsflow
     >>> y, x = np.mgrid[0:60, 0:60].astype(np.float32)
     >>> def scene(x, y):
-    ...     return 100 + 40 * np.sin(0.4 * x) * np.cos(0.3 * y + 0.1 * x)
+    ...     return 100 + 40 * np.sin(0.4 * x + 0.005 * y**2) * np.cos(0.3 * y + 0.003 * x**2)
     >>> shift = rsflow.estimate_shift(scene(x, y), 1.2 * scene(x - 2.25, y + 1.5))
     >>> shift.valid, round(shift.dx, 2), round(shift.dy, 2), round(shift.gain, 2)
     (True, 2.25, -1.5, 1.2)

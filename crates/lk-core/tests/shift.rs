@@ -237,6 +237,19 @@ fn frames_without_an_answer_get_a_status() {
 }
 
 #[test]
+fn a_pattern_that_repeats_is_ambiguous_unless_the_motion_is_short() {
+    let pattern = |x: f64, y: f64| 110.0 + 30.0 * ((0.6 * x).sin() + (0.6 * y).sin());
+    let prev = Array2::from_shape_fn((60, 60), |(y, x)| pattern(x as f64, y as f64) as f32);
+    let next = Array2::from_shape_fn((60, 60), |(y, x)| {
+        pattern(x as f64 - 2.25, y as f64 + 1.5) as f32
+    });
+    assert_eq!(estimate(&prev, &next).status, ShiftStatus::Ambiguous);
+    let options = ShiftOptions::default().max_displacement(5.0);
+    let found = estimate_shift(prev.view(), next.view(), None, &options).unwrap();
+    assert!((found.dx - 2.25).hypot(found.dy + 1.5) < 0.01, "{found:?}");
+}
+
+#[test]
 fn light_that_is_not_modelled_is_not_invented() {
     let (prev, next) = pair(9, (60, 60), (1.5, -0.7), 1.0, 20.0);
     let options = ShiftOptions::default().illumination(Illumination::Offset);

@@ -1,42 +1,32 @@
-//! From the start at a coarse level down to the displacement, and whether to believe it.
+//! The displacement from the best of the starts, and whether to believe it.
 
-use super::refine::{GainField, Look, REACH, gain_field, look};
+use super::follow::{Found, follow};
 use super::scratch::Scratch;
-use super::solve::{Solution, eigenvalues};
-use super::start::{Start, best_start};
+use super::solve::eigenvalues;
+use super::start::{Starts, best_start};
 use super::unit::Unit;
 use super::{Shift, ShiftOptions, ShiftStatus};
 use crate::error::Result;
 
-/// A standard deviation above this is no measurement, in pixels.
+/// A standard deviation by noise above this is no measurement, in pixels.
 const MAX_SIGMA: f64 = 0.2;
+/// The same where the tiles contradict each other: there is no one displacement.
+const MAX_SCATTER: f64 = 0.25;
 /// Gains beyond this, or below its inverse, are not light: one of the frames is blank.
 const MAX_GAIN: f64 = 16.0;
-/// Side of a tile at a coarse level, in its pixels.
-const COARSE_TILE: usize = 8;
-/// A step above this, in pixels, changes what the tiles say about the gain.
-const GAIN_SETTLED: f64 = 2e-3;
-/// The gain is fitted at most so often at a level: then it stands, so that the displacement can settle.
-const GAIN_FITS: usize = 2;
-/// After so many looks tiles are no longer merged anew, so that the displacement can settle.
-const FREE_LOOKS: usize = 5;
-/// The iteration has settled once a step is below this, in pixels.
-const SETTLED: f64 = 1e-4;
-/// The same at a coarse level, in its pixels.
-const COARSE_SETTLED: f64 = 0.05;
-
-/// A step, made longer or shorter by what the one before it left, and the share of it that the next would be: the
-/// gradients are not exact, but their error is the same in each step.
-fn extrapolated(step: [f64; 2], before: Option<[f64; 2]>) -> ([f64; 2], f64) {
-    let square = before.map_or(0.0, |before| before[0] * before[0] + before[1] * before[1]);
-    let Some(before) = before.filter(|_| square > 0.0) else {
-        return (step, 1.0);
-    };
-    let along = (step[0] * before[0] + step[1] * before[1]) / square;
-    let left = along.clamp(-0.3, 0.3);
-    let ratio = (step[0].hypot(step[1]) / square.sqrt()).min(1.0);
-    (step.map(|value| value / (1.0 - left)), 0.3 * ratio)
-}
+/// Displacements further apart than this, in pixels, are two.
+const APART: f64 = 1.0;
+/// What a displacement leaves unexplained, as a share of the texture: one explains the frames as well as another where
+/// its share is within this factor, or where it is below [`NOTHING`].
+const AS_WELL: f64 = 1.3;
+/// Rounding to whole grey levels leaves this much.
+const NOTHING: f64 = 1e-4;
+/// A rival is the better start where it leaves less by this factor, on no fewer pixels than [`ENOUGH`] of the other's:
+/// a small overlap may have been spared a shadow.
+const BETTER: f64 = 16.0;
+const ENOUGH: f64 = 0.8;
+/// On more pixels, this much left may be such a shadow.
+const LITTLE: f64 = 0.2;
 
 impl Scratch {
     /// The displacement between the frames that were taken.
@@ -47,121 +37,85 @@ impl Scratch {
             workspace,
         } = self;
         let inputs = &*inputs;
-        let mut start: Option<Start> = None;
+        let mut starts: Option<Starts> = None;
         let mut from = inputs.levels;
         for level in (0..=inputs.levels).rev() {
             // The finer levels are for texture that the coarse ones do not show.
             let scale = f64::from(1u32 << level);
             let limit = limit.map(|value| (value / scale).ceil());
-            if let Some(found) = best_start(inputs.pair(level), limit, search, &options.execution)?
+            let found = best_start(inputs.pair(level), limit, search, &options.execution)?;
+            let Some(found) = found else { continue };
+            let convinces = found.best.convinces();
+            if starts
+                .as_ref()
+                .is_none_or(|starts| found.best.better_than(&starts.best))
             {
-                if start.is_none_or(|best| found.better_than(&best)) {
-                    start = Some(found);
-                    from = level;
-                }
-                if found.convinces() {
-                    break;
-                }
+                starts = Some(found);
+                from = level;
+            }
+            if convinces {
+                break;
             }
         }
-        let Some(start) = start else {
+        let Some(starts) = starts else {
             return Ok(Shift::invalid(ShiftStatus::TooLittleOverlap));
         };
-        let mut displacement = start.displacement.map(|value| value as f64);
-        let mut match_found = false;
-        let mut gain = GainField::default();
-        for level in (0..=from).rev() {
-            if level != from && level != 0 {
-                displacement = displacement.map(|value| 2.0 * value);
+        let best = starts.best.displacement;
+        let mut best = match follow(inputs, from, best, workspace, options)? {
+            Ok(found) => found,
+            Err(status) => return Ok(Shift::invalid(status)),
+        };
+        // A pattern that repeats agrees at several starts; what tells them apart shows at the finest level, if anything.
+        let mut ambiguous = false;
+        for rival in starts.rivals {
+            let Ok(rival) = follow(inputs, from, rival, workspace, options)? else {
+                continue;
+            };
+            let [dx, dy] = [0, 1].map(|axis| rival.displacement[axis] - best.displacement[axis]);
+            if dx.hypot(dy) <= APART || !rival.matches || beyond(rival.displacement, limit) {
                 continue;
             }
-            let finest = level == 0;
-            let mut whole = displacement.map(f64::round);
-            let mut before: Option<[f64; 2]> = None;
-            let mut steady = false;
-            let mut fits = 0;
-            let mut last = None;
-            for index in 0..if finest { 20 } else { 6 } {
-                for (whole, exact) in whole.iter_mut().zip(displacement) {
-                    if (exact - *whole).abs() > REACH {
-                        *whole = exact.round();
-                        before = None;
-                    }
-                }
-                let how = Look {
-                    displacement,
-                    whole,
-                    illumination: options.illumination,
-                    gain,
-                    tile: if finest { inputs.tile } else { COARSE_TILE },
-                    hold: index >= FREE_LOOKS,
-                };
-                let Some(solution) = look(inputs.pair(level), how, workspace, &options.execution)?
-                else {
-                    return Ok(Shift::invalid(ShiftStatus::TooLittleOverlap));
-                };
-                let (step, left) = extrapolated(solution.step, before);
-                let length = step[0].hypot(step[1]);
-                let damp = if length > 1.0 { 1.0 / length } else { 1.0 };
-                for (value, step) in displacement.iter_mut().zip(step) {
-                    *value += damp * step;
-                }
-                steady = length * left < if finest { SETTLED } else { COARSE_SETTLED };
-                last = Some((solution, gain));
-                if length < 0.2 && fits < GAIN_FITS && (fits == 0 || length > GAIN_SETTLED) {
-                    fits += 1;
-                    gain = gain_field(inputs.pair(level), how, workspace);
-                }
-                before = (length < 0.2).then_some(solution.step);
-                if steady {
-                    break;
-                }
+            let left = |found: &Found| (1.0 - found.solution.correlation).max(NOTHING);
+            let count = |found: &Found| found.solution.count;
+            if left(&best) > BETTER * left(&rival) && count(&rival) > ENOUGH * count(&best) {
+                (best, ambiguous) = (rival, false);
+            } else {
+                let spared = count(&best) < ENOUGH * count(&rival) && left(&rival) < LITTLE;
+                ambiguous |= left(&rival) < AS_WELL * left(&best) || spared;
             }
-            let Some((solution, gain)) = last else {
-                return Ok(Shift::invalid(ShiftStatus::NotConverged));
-            };
-            if level == from {
-                match_found = solution.matches();
-            }
-            if finest {
-                return Ok(judge(
-                    inputs.unit,
-                    displacement,
-                    limit,
-                    match_found,
-                    steady,
-                    &solution,
-                    gain,
-                ));
-            }
-            displacement = displacement.map(|value| 2.0 * value);
         }
-        Ok(Shift::invalid(ShiftStatus::NotConverged))
+        Ok(judge(inputs.unit, &best, limit, ambiguous))
     }
 }
 
-fn judge(
-    unit: Unit,
-    displacement: [f64; 2],
-    limit: [f64; 2],
-    match_found: bool,
-    steady: bool,
-    solution: &Solution,
-    field: GainField,
-) -> Shift {
-    let variance = eigenvalues(solution.covariance);
+/// Whether a displacement is longer than what was asked for.
+fn beyond(displacement: [f64; 2], limit: [f64; 2]) -> bool {
+    (0..2).any(|axis| displacement[axis].abs() > limit[axis] + 1.0)
+}
+
+fn judge(unit: Unit, found: &Found, limit: [f64; 2], ambiguous: bool) -> Shift {
+    let Found {
+        displacement,
+        solution,
+        gain: field,
+        ..
+    } = found;
+    let total = eigenvalues(solution.covariance);
+    let variance = total.map(|value| value / solution.excess);
     let alpha = solution.alpha + field.0[0];
     let gain = (1.0 + alpha / 2.0) / (1.0 - alpha / 2.0);
     let is_light = (1.0 / MAX_GAIN..=MAX_GAIN).contains(&gain);
     let [low, high] = solution.information;
     let limit_sigma = MAX_SIGMA * MAX_SIGMA;
-    let status = if !match_found || !is_light || high <= 0.05 {
+    // A window that shows structure in one direction agrees everywhere along it.
+    let slides = ambiguous || !found.steady;
+    let status = if !found.matches || !is_light || high <= 0.05 {
         if solution.is_noise() || !is_light {
             ShiftStatus::NoTexture
         } else {
             ShiftStatus::NoMatch
         }
-    } else if low <= 0.05 || low <= 1e-4 * high {
+    } else if low <= 0.05 || low <= 1e-4 * high || (slides && low <= 1e-2 * high) {
         ShiftStatus::Aperture
     } else if variance[1].is_nan() || variance[1] > limit_sigma {
         if variance[0] < 0.04 * variance[1] {
@@ -169,9 +123,11 @@ fn judge(
         } else {
             ShiftStatus::NoTexture
         }
-    } else if (0..2).any(|axis| displacement[axis].abs() > limit[axis] + 1.0) {
+    } else if beyond(*displacement, limit) || total[1] > MAX_SCATTER * MAX_SCATTER {
         ShiftStatus::NoMatch
-    } else if !steady {
+    } else if ambiguous {
+        ShiftStatus::Ambiguous
+    } else if !found.steady {
         ShiftStatus::NotConverged
     } else {
         ShiftStatus::Valid

@@ -6,11 +6,13 @@
 
 mod agreement;
 mod estimate;
+mod follow;
 mod gain;
 mod gram;
 mod inputs;
 mod place;
 mod refine;
+mod scatter;
 mod scratch;
 mod solve;
 mod start;
@@ -59,6 +61,8 @@ pub enum ShiftStatus {
     NoMatch = 5,
     /// The iteration did not settle.
     NotConverged = 6,
+    /// The window repeats: another displacement within `max_displacement` explains the frames as well.
+    Ambiguous = 7,
 }
 
 /// The displacement of a window.
@@ -125,7 +129,8 @@ impl ShiftOptions {
         self
     }
 
-    /// The largest displacement along each axis, in pixels; half the window if not set.
+    /// The largest displacement along each axis, in pixels; half the window if not set. A pattern that repeats within
+    /// this reach is [`ShiftStatus::Ambiguous`]: below half a period it is measured.
     #[must_use]
     pub fn max_displacement(mut self, pixels: f64) -> Self {
         self.max_displacement = Some(pixels);
@@ -192,7 +197,7 @@ const ONE_THREAD_PIXELS: usize = 1 << 14;
 /// use lk_core::{ShiftOptions, estimate_shift};
 /// use ndarray::Array2;
 ///
-/// let scene = |x: f32, y: f32| 100.0 + 40.0 * (0.4 * x).sin() * (0.3 * y + 0.1 * x).cos();
+/// let scene = |x: f32, y: f32| 100.0 + 40.0 * (0.4 * x + 0.005 * y * y).sin() * (0.3 * y + 0.003 * x * x).cos();
 /// let prev = Array2::from_shape_fn((60, 60), |(y, x)| scene(x as f32, y as f32));
 /// // What was at (x, y) is now at (x + 2.25, y - 1.5), in brighter light.
 /// let next = Array2::from_shape_fn((60, 60), |(y, x)| 1.2 * scene(x as f32 - 2.25, y as f32 + 1.5));

@@ -7,6 +7,7 @@ use std::ops::Range;
 use super::gain::gain_field;
 use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light};
 use super::place::Place;
+use super::scatter::inflation;
 use super::sums::{Tile, Tiling};
 use super::taps::NoiseGain;
 
@@ -17,6 +18,8 @@ pub(super) struct Solution {
     pub(super) step: [f64; 2],
     /// Covariance of the displacement.
     pub(super) covariance: [[f64; 2]; 2],
+    /// By how much it is larger than noise explains: 1 unless the tiles contradict each other.
+    pub(super) excess: f64,
     /// What the gradients tell and noise does not explain, divided by what noise adds: eigenvalues, the smaller first.
     pub(super) information: [f64; 2],
     /// Correlation of the two frames once light is taken out.
@@ -228,10 +231,12 @@ impl Solver {
             [a[0][0] - noise_part[0], a[0][1]],
             [a[1][0], a[1][1] - noise_part[1]],
         ];
+        let excess = inflation(&self.grams, step, clean, typical, damped / noise.sampled);
         let floor = ((noise_part[0] + noise_part[1]) / 2.0).max(1e-9 * weights);
         Some(Solution {
             step,
-            covariance: sandwich(clean, c),
+            covariance: sandwich(clean, c).map(|row| row.map(|value| excess * value)),
+            excess,
             information: eigenvalues(clean).map(|value| value / floor),
             correlation: (texture - residual / 4.0) / (texture + residual / 4.0).max(1e-12),
             residual: (residual / degrees).sqrt(),
@@ -285,7 +290,7 @@ fn quantile(order: &[(f64, f64)], share: f64) -> f64 {
 /// The weight of a block by its residual variance. One that fits better than typical counts for at most twice as much:
 /// a flat one fits well and tells nothing. One that fits far worse shows the border of a shadow or a motion of its own
 /// and counts for less than its variance says.
-fn weight_of(variance: f64, typical: f64) -> f64 {
+pub(super) fn weight_of(variance: f64, typical: f64) -> f64 {
     let floored = variance.max(0.5 * typical).max(1e-12);
     let outlying = (4.0 * typical.max(1e-12) / floored).min(1.0);
     outlying / floored
@@ -305,15 +310,21 @@ fn overall_light(sums: &[[f64; 3]; 3], light: Light) -> (f64, f64) {
     (alpha, (difference - alpha * mean) / count)
 }
 
-fn sandwich(a: [[f64; 2]; 2], c: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+/// The inverse of a symmetric matrix; `None` unless it is positive.
+pub(super) fn inverse(a: [[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> {
     let determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0];
-    if determinant <= 0.0 || a[0][0] <= 0.0 {
+    (determinant > 0.0 && a[0][0] > 0.0).then(|| {
+        [
+            [a[1][1] / determinant, -a[0][1] / determinant],
+            [-a[1][0] / determinant, a[0][0] / determinant],
+        ]
+    })
+}
+
+fn sandwich(a: [[f64; 2]; 2], c: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    let Some(inverse) = inverse(a) else {
         return [[f64::INFINITY, 0.0], [0.0, f64::INFINITY]];
-    }
-    let inverse = [
-        [a[1][1] / determinant, -a[0][1] / determinant],
-        [-a[1][0] / determinant, a[0][0] / determinant],
-    ];
+    };
     let mut result = [[0.0; 2]; 2];
     for i in 0..2 {
         for j in 0..2 {

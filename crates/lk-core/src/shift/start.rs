@@ -35,6 +35,22 @@ impl Start {
     }
 }
 
+/// Peaks below this share of the highest are noise: nothing repeats there.
+const RIVAL_PEAK: f32 = 0.3;
+/// A rival correlates like this, and with this share of the best one's coefficient: it lies between whole pixels.
+const RIVAL: [f64; 2] = [0.4, 0.6];
+/// Nearer than this in whole pixels it is the same displacement.
+const RIVAL_DISTANCE: usize = 2;
+/// As many are looked at.
+const RIVALS: usize = 3;
+
+/// Where the frames agree best, and where they agree almost as well.
+#[derive(Debug, Clone)]
+pub(super) struct Starts {
+    pub(super) best: Start,
+    pub(super) rivals: Vec<[isize; 2]>,
+}
+
 /// What the search needs, kept from call to call.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
@@ -50,7 +66,7 @@ pub(super) fn best_start(
     limit: [f64; 2],
     scratch: &mut Scratch,
     execution: &Execution,
-) -> Result<Option<Start>> {
+) -> Result<Option<Starts>> {
     let level = execution.simd_level();
     scratch.candidates.take(pair, level);
     let mut search = Search {
@@ -59,6 +75,7 @@ pub(super) fn best_start(
         limit,
         level,
         best: None,
+        peaks: Vec::new(),
     };
     search.try_peaks(true)?;
     if search.best.is_none_or(|best| !best.convinces()) {
@@ -68,7 +85,10 @@ pub(super) fn best_start(
     }
     // Which of two neighbours the surface names first may hang on its rounding; the better one does not.
     search.climb();
-    Ok(search.best)
+    Ok(search.best.map(|best| Starts {
+        best,
+        rivals: search.rivals(&best),
+    }))
 }
 
 struct Search<'a> {
@@ -77,6 +97,8 @@ struct Search<'a> {
     limit: [f64; 2],
     level: Level,
     best: Option<Start>,
+    /// Displacements at the high peaks of the last surface.
+    peaks: Vec<[isize; 2]>,
 }
 
 impl Search<'_> {
@@ -104,20 +126,51 @@ impl Search<'_> {
             |y, row| next.write(y, row),
             &mut scratch.surface,
         )?;
-        for peak in peaks(&scratch.surface) {
+        self.peaks.clear();
+        let found = peaks(&self.scratch.surface);
+        let highest = found.first().map_or(0.0, |(height, _)| *height);
+        for (height, peak) in &found {
             for wrap_y in [0, size[1] as isize] {
                 for wrap_x in [0, size[0] as isize] {
-                    self.consider([
+                    let displacement = [
                         peak[0] as isize - wrap_x + pair.origin[0],
                         peak[1] as isize - wrap_y + pair.origin[1],
-                    ]);
+                    ];
+                    if !self.in_reach(displacement) {
+                        continue;
+                    }
+                    if *height >= RIVAL_PEAK * highest {
+                        self.peaks.push(displacement);
+                    }
+                    if self.best.is_none_or(|best| !best.convinces()) {
+                        self.consider(displacement);
+                    }
                 }
-            }
-            if self.best.is_some_and(|best| best.convinces()) {
-                return Ok(());
             }
         }
         Ok(())
+    }
+
+    fn in_reach(&self, displacement: [isize; 2]) -> bool {
+        (0..2).all(|axis| displacement[axis].unsigned_abs() as f64 <= self.limit[axis])
+    }
+
+    /// The peaks away from `best` at which the frames agree almost as well.
+    fn rivals(&self, best: &Start) -> Vec<[isize; 2]> {
+        let away = |d: &&[isize; 2]| {
+            (0..2).any(|axis| d[axis].abs_diff(best.displacement[axis]) > RIVAL_DISTANCE)
+        };
+        let least = RIVAL[0].max(RIVAL[1] * best.correlation);
+        self.peaks
+            .iter()
+            .filter(away)
+            .filter(|d| {
+                let found = self.scratch.candidates.agreement(**d, self.level);
+                found.is_some_and(|found| found.flat >= least)
+            })
+            .take(RIVALS)
+            .copied()
+            .collect()
     }
 
     /// Go to the best neighbour as long as there is a better one.
@@ -147,7 +200,7 @@ impl Search<'_> {
     }
 
     fn consider(&mut self, displacement: [isize; 2]) {
-        if (0..2).any(|axis| displacement[axis].unsigned_abs() as f64 > self.limit[axis]) {
+        if !self.in_reach(displacement) {
             return;
         }
         let Some(found) = self.scratch.candidates.agreement(displacement, self.level) else {
@@ -166,7 +219,7 @@ impl Search<'_> {
 }
 
 /// The highest local maxima of the surface, the highest first.
-fn peaks(surface: &Plane) -> Vec<[usize; 2]> {
+fn peaks(surface: &Plane) -> Vec<(f32, [usize; 2])> {
     let (width, height) = (surface.width(), surface.height());
     let highest = surface.data().iter().copied().fold(0.0, f32::max);
     let mut found: Vec<(f32, [usize; 2])> = Vec::new();
@@ -185,7 +238,7 @@ fn peaks(surface: &Plane) -> Vec<[usize; 2]> {
     }
     found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     found.truncate(PEAKS);
-    found.into_iter().map(|(_, at)| at).collect()
+    found
 }
 
 /// The part of a plane in a window, its mean taken out and faded to zero at its border.
