@@ -11,7 +11,7 @@ mod lanes;
 use std::sync::OnceLock;
 
 pub(crate) use eight::{EIGHT, Eight, EightKernel, Packed, dispatch_eight};
-pub(crate) use lanes::{Floats, LANES, Simd};
+pub(crate) use lanes::{Floats, LANES, Simd, blocks, blocks_mut};
 
 /// A set of vector instructions. Results do not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]

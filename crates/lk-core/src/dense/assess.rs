@@ -4,12 +4,12 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::parallel::{RowsMut, for_each_band};
-use crate::simd::{Kernel, dispatch};
+use crate::simd::{Floats, Kernel, LaneKernel, Simd, blocks_mut, dispatch, dispatch_lanes};
 
 use super::field::FlowField;
 use super::grid::{self, PAD};
 use super::scratch::with_scratch;
-use super::step::{Band, Results, StepInput, StepOptions};
+use super::windows::{Reader, Sums, Views, Windows};
 
 /// Half the window.
 const RADIUS: usize = 3;
@@ -28,7 +28,7 @@ const NOISE: f32 = 16.0;
 /// Fill `field` with the flow of `input` and what its windows say. `finite` is 0 where `next` is not finite; `unit` is
 /// what one grey level of the planes is in those of the caller.
 pub(super) fn assess(
-    input: StepInput<'_>,
+    input: Views<'_>,
     finite: Option<&Plane>,
     centred: bool,
     unit: f32,
@@ -36,14 +36,8 @@ pub(super) fn assess(
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (input.prev.width(), input.prev.height());
-    let options = StepOptions {
-        radius: RADIUS,
-        centred,
-        damping: 0.0,
-        longest: 0.0,
-    };
     let level = execution.simd_level();
-    let size = Band::size(width, RADIUS);
+    let size = Windows::size(width);
     let outputs = (
         RowsMut::new(&mut field.uv, 2 * width),
         RowsMut::new(&mut field.valid, width),
@@ -59,17 +53,14 @@ pub(super) fn assess(
                 let (memory, fit) = memory.split_at_mut(size);
                 let (count, fit) = fit.split_at_mut(grid::stride(width));
                 let (texture, energy) = fit.split_at_mut(grid::stride(width));
-                let mut band = Band::new(level, input, &options, memory);
-                band.start(rows.start);
+                let mut windows = Windows::new(level, input, RADIUS, centred, memory);
+                windows.start(rows.start);
                 for (local, y) in rows.enumerate() {
-                    band.row(
-                        y,
-                        Results::Fit {
-                            count: &mut *count,
-                            texture: &mut *texture,
-                            energy: &mut *energy,
-                        },
-                    );
+                    let kernel = Fit {
+                        sums: windows.row(y),
+                        to: [&mut *count, &mut *texture, &mut *energy],
+                    };
+                    dispatch_lanes(level, kernel);
                     let (u, v) = (input.u.row(y), input.v.row(y));
                     let (uv, _) = uv.row_mut(local).as_chunks_mut::<2>();
                     let (valid, residual) = (valid.row_mut(local), residual.row_mut(local));
@@ -103,6 +94,41 @@ pub(super) fn assess(
             });
         },
     )
+}
+
+/// How many pixels count in each window, the smaller eigenvalue of its structure tensor, and its mean squared difference.
+struct Fit<'a> {
+    sums: Sums<'a>,
+    to: [&'a mut [f32]; 3],
+}
+
+impl LaneKernel for Fit<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let count = self.sums.split.count;
+        let reader = Reader::<S, { 2 * RADIUS + 1 }>::new(s, &self.sums);
+        let [number, texture, energy] = self.to.map(|row| blocks_mut(row, PAD, 2 * count));
+        let (zero, half) = (s.splat(0.0), s.splat(0.5));
+        for i in 0..count {
+            let mut results = [[zero; 3]; 2];
+            for (result, moments) in results.iter_mut().zip(reader.moments(i)) {
+                let [n, xx, xy, yy, _, _, dd] = moments;
+                let difference = (xx - yy) * half;
+                let root = (difference * difference + xy * xy).sqrt();
+                *result = [n, ((xx + yy) * half - root).max(zero), dd.max(zero)];
+            }
+            let [even, odd] = results;
+            let (first, second) = even[0].interleave(odd[0]);
+            first.put(&mut number[2 * i]);
+            second.put(&mut number[2 * i + 1]);
+            let (first, second) = even[1].interleave(odd[1]);
+            first.put(&mut texture[2 * i]);
+            second.put(&mut texture[2 * i + 1]);
+            let (first, second) = even[2].interleave(odd[2]);
+            first.put(&mut energy[2 * i]);
+            second.put(&mut energy[2 * i + 1]);
+        }
+    }
 }
 
 /// One row of the result, where nothing is masked and all is finite.

@@ -8,9 +8,9 @@ use crate::pyramid::Pyramid;
 use super::grid::{self, Grid};
 use super::light::Light;
 use super::options::{DenseHints, DenseOptions};
-use super::refine::System;
-use super::step::{StepInput, StepOptions};
-use super::{median, select, step, upsample};
+use super::step::StepOptions;
+use super::windows::Views;
+use super::{median, refine, select, step, upsample};
 
 /// Light is estimated on levels of at most this many pixels along the longer side, and carried over to finer ones.
 const LIGHT_SIZE: usize = 100;
@@ -33,7 +33,6 @@ pub(super) struct Memory {
     energy: Grid,
     pub(super) light: Light,
     pub(super) weights: Vec<Plane>,
-    system: System,
 }
 
 impl Memory {
@@ -220,7 +219,7 @@ impl Descent<'_> {
         let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
         let simd = self.options.execution.simd_level();
         light.estimate(
-            StepInput {
+            Views {
                 prev,
                 next,
                 u,
@@ -251,7 +250,6 @@ impl Descent<'_> {
             spare,
             energy,
             weights,
-            system,
             ..
         } = &mut *self.memory;
         let weight = self.weighted.then(|| &weights[level]);
@@ -259,7 +257,7 @@ impl Descent<'_> {
         for _ in 0..of_level.steps {
             execution.check()?;
             let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
-            let input = StepInput {
+            let input = Views {
                 prev,
                 next,
                 u,
@@ -288,14 +286,20 @@ impl Descent<'_> {
             }
         }
         if of_level.refine {
-            let flow = (&mut *flow, &mut *spare);
-            system.refine(
-                (prev, next, weight),
-                &recipe.refine,
-                centred,
-                flow,
-                execution,
-            )?;
+            for _ in 0..recipe.refine.rounds {
+                execution.check()?;
+                let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
+                let views = Views {
+                    prev,
+                    next,
+                    u,
+                    v,
+                    weight,
+                };
+                let to = (&mut *to_u, &mut *to_v);
+                refine::round(views, &recipe.refine, centred, to, execution)?;
+                std::mem::swap(flow, spare);
+            }
         }
         Ok(())
     }

@@ -6,9 +6,9 @@ use crate::simd::LANES;
 /// Elements before the first and at least as many after the last pixel of a row.
 pub(super) const PAD: usize = LANES;
 
-/// From one padded row of `width` pixels to the next.
+/// From one padded row of `width` pixels to the next: room for a whole number of pairs of lanes.
 pub(super) fn stride(width: usize) -> usize {
-    width.next_multiple_of(LANES) + 2 * PAD
+    width.next_multiple_of(2 * LANES) + 2 * PAD
 }
 
 /// Rows of `f32` with room on both sides; what stands there is up to whoever wrote the row.

@@ -9,7 +9,7 @@ use crate::frame::Plane;
 use crate::simd::{Level, dispatch_lanes};
 
 use super::grid::{self, PAD};
-use super::step::StepInput;
+use super::windows::Views;
 use super::warp::WarpRow;
 
 /// Gains outside of this range are no change of light.
@@ -34,7 +34,7 @@ impl Light {
     /// what windows of `2 large + 1` say beyond it.
     pub(super) fn estimate(
         &mut self,
-        input: StepInput<'_>,
+        input: Views<'_>,
         small: usize,
         large: usize,
         level: Level,
@@ -97,13 +97,14 @@ impl Light {
         self.moments(width, (left, top), (right, bottom))
     }
 
-    fn accumulate(&mut self, input: StepInput<'_>, level: Level) {
+    fn accumulate(&mut self, input: Views<'_>, level: Level) {
         let (width, height) = (input.prev.width(), input.prev.height());
         let stride = grid::stride(width);
         self.integral.clear();
         self.integral.resize((width + 1) * (height + 1), [0.0; 5]);
         self.rows.resize(2 * stride, 0.0);
         for y in 0..height {
+            let mut full = false;
             let (warped, inside) = self.rows.split_at_mut(stride);
             let (u, v) = (input.u.padded(y), input.v.padded(y));
             dispatch_lanes(
@@ -115,6 +116,7 @@ impl Light {
                     v,
                     warped: &mut *warped,
                     inside: &mut *inside,
+                    full: &mut full,
                 },
             );
             let mut sum = [0.0; 5];

@@ -17,12 +17,14 @@ mod light;
 mod median;
 mod options;
 mod refine;
+mod relax;
 mod scratch;
 mod select;
 mod step;
 mod upsample;
 mod warp;
 mod weights;
+mod windows;
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
@@ -35,7 +37,7 @@ pub use field::FlowField;
 pub use options::{DenseHints, DenseOptions, LevelRecipe, Preset, Recipe, RefineRecipe};
 
 use descend::{Descent, Memory};
-use step::StepInput;
+use windows::Views;
 
 /// A level is not halved below this, in pixels of its shorter side: the windows of the coarsest level must stay small
 /// beside it.
@@ -236,7 +238,7 @@ impl DenseFlow {
             weights,
             ..
         } = &*memory;
-        let input = StepInput {
+        let input = Views {
             prev: &prev.pyramid.levels()[0],
             next: &next.pyramid.levels()[0],
             u,

@@ -28,16 +28,61 @@ pub(crate) trait Floats:
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
     /// Rounded towards zero; for values within 0..2^24.
     fn trunc(self) -> Self;
+    /// Whether the mask is true in every lane.
+    fn all(mask: Self::Mask) -> bool;
+    /// Whether the mask is true in any lane.
+    fn any(mask: Self::Mask) -> bool;
+    /// The lane that stands first.
+    fn first(self) -> f32;
+    /// Lanes 0, 2, 4, .. and 1, 3, 5, .. of `self` followed by `next`.
+    fn deinterleave(self, next: Self) -> (Self, Self);
+    /// The inverse of [`Floats::deinterleave`]: `self` has the even lanes, `odd` the odd ones.
+    fn interleave(self, odd: Self) -> (Self, Self);
+    /// Write to all of `to`.
+    fn put(self, to: &mut [f32; LANES]);
     /// Write to `to[at..at + 16]`.
-    fn store(self, to: &mut [f32], at: usize);
+    #[inline(always)]
+    fn store(self, to: &mut [f32], at: usize) {
+        if let Some(to) = to[at..].first_chunk_mut::<LANES>() {
+            self.put(to);
+        } else {
+            beyond(to.len(), at);
+        }
+    }
+}
+
+/// Sixteen elements were asked for where there are fewer.
+#[cold]
+fn beyond(len: usize, at: usize) -> ! {
+    panic!("{LANES} elements at {at} of {len}")
+}
+
+/// `count` times sixteen elements of `row` from `first` on. A loop over `0..count` then needs no check of an index.
+#[inline(always)]
+pub(crate) fn blocks(row: &[f32], first: usize, count: usize) -> &[[f32; LANES]] {
+    &row[first..].as_chunks::<LANES>().0[..count]
+}
+
+/// [`blocks`], to write.
+#[inline(always)]
+pub(crate) fn blocks_mut(row: &mut [f32], first: usize, count: usize) -> &mut [[f32; LANES]] {
+    &mut row[first..].as_chunks_mut::<LANES>().0[..count]
 }
 
 /// The instructions of a level.
 pub(crate) trait Simd: Copy {
     /// Its sixteen floats.
     type F: Floats;
+    /// All of `from`.
+    fn get(self, from: &[f32; LANES]) -> Self::F;
     /// `from[at..at + 16]`.
-    fn load(self, from: &[f32], at: usize) -> Self::F;
+    #[inline(always)]
+    fn load(self, from: &[f32], at: usize) -> Self::F {
+        match from[at..].first_chunk::<LANES>() {
+            Some(from) => self.get(from),
+            None => beyond(from.len(), at),
+        }
+    }
     fn splat(self, value: f32) -> Self::F;
     /// `row * stride + column` and the element after it in `data`, per lane. `row` and `column` are whole numbers of
     /// at least 0; a place beyond the last pair gives the last pair.
@@ -159,8 +204,42 @@ impl Floats for Array {
         self.zip(self, |a, _| (a as i32) as f32)
     }
     #[inline(always)]
-    fn store(self, to: &mut [f32], at: usize) {
-        to[at..at + LANES].copy_from_slice(&self.0);
+    fn all(mask: Self::Mask) -> bool {
+        mask.iter().fold(u32::MAX, |all, lane| all & lane) != 0
+    }
+    #[inline(always)]
+    fn any(mask: Self::Mask) -> bool {
+        mask.iter().fold(0, |any, lane| any | lane) != 0
+    }
+    #[inline(always)]
+    fn first(self) -> f32 {
+        self.0[0]
+    }
+    #[inline(always)]
+    fn deinterleave(self, next: Self) -> (Self, Self) {
+        let (mut even, mut odd) = ([0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES / 2 {
+            even[lane] = self.0[2 * lane];
+            odd[lane] = self.0[2 * lane + 1];
+            even[LANES / 2 + lane] = next.0[2 * lane];
+            odd[LANES / 2 + lane] = next.0[2 * lane + 1];
+        }
+        (Self(even), Self(odd))
+    }
+    #[inline(always)]
+    fn interleave(self, odd: Self) -> (Self, Self) {
+        let (mut first, mut second) = ([0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES / 2 {
+            first[2 * lane] = self.0[lane];
+            first[2 * lane + 1] = odd.0[lane];
+            second[2 * lane] = self.0[LANES / 2 + lane];
+            second[2 * lane + 1] = odd.0[LANES / 2 + lane];
+        }
+        (Self(first), Self(second))
+    }
+    #[inline(always)]
+    fn put(self, to: &mut [f32; LANES]) {
+        *to = self.0;
     }
 }
 
@@ -168,10 +247,8 @@ impl Simd for Plain {
     type F = Array;
 
     #[inline(always)]
-    fn load(self, from: &[f32], at: usize) -> Array {
-        let mut out = [0.0; LANES];
-        out.copy_from_slice(&from[at..at + LANES]);
-        Array(out)
+    fn get(self, from: &[f32; LANES]) -> Array {
+        Array(*from)
     }
     #[inline(always)]
     fn splat(self, value: f32) -> Array {
@@ -304,9 +381,49 @@ pub(super) mod x86 {
             Self(unsafe { _mm512_cvtepi32_ps(_mm512_cvttps_epi32(self.0)) })
         }
         #[inline(always)]
-        fn store(self, to: &mut [f32], at: usize) {
-            let to = &mut to[at..at + LANES];
-            // SAFETY: as above; an unaligned store over the whole of a slice of 16 elements.
+        fn all(mask: Self::Mask) -> bool {
+            mask == __mmask16::MAX
+        }
+        #[inline(always)]
+        fn any(mask: Self::Mask) -> bool {
+            mask != 0
+        }
+        #[inline(always)]
+        fn first(self) -> f32 {
+            // SAFETY: as above.
+            unsafe { _mm512_cvtss_f32(self.0) }
+        }
+        #[inline(always)]
+        fn deinterleave(self, next: Self) -> (Self, Self) {
+            // SAFETY: as above.
+            unsafe {
+                let even =
+                    _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+                let odd =
+                    _mm512_setr_epi32(1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31);
+                (
+                    Self(_mm512_permutex2var_ps(self.0, even, next.0)),
+                    Self(_mm512_permutex2var_ps(self.0, odd, next.0)),
+                )
+            }
+        }
+        #[inline(always)]
+        fn interleave(self, odd: Self) -> (Self, Self) {
+            // SAFETY: as above.
+            unsafe {
+                let low =
+                    _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
+                let high =
+                    _mm512_setr_epi32(8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31);
+                (
+                    Self(_mm512_permutex2var_ps(self.0, low, odd.0)),
+                    Self(_mm512_permutex2var_ps(self.0, high, odd.0)),
+                )
+            }
+        }
+        #[inline(always)]
+        fn put(self, to: &mut [f32; LANES]) {
+            // SAFETY: as above; an unaligned store over the whole of an array of 16 elements.
             unsafe { _mm512_storeu_ps(to.as_mut_ptr(), self.0) }
         }
     }
@@ -315,9 +432,8 @@ pub(super) mod x86 {
         type F = F512;
 
         #[inline(always)]
-        fn load(self, from: &[f32], at: usize) -> F512 {
-            let from = &from[at..at + LANES];
-            // SAFETY: the CPU has AVX-512 F, for `self` exists; an unaligned load of a slice of 16 elements.
+        fn get(self, from: &[f32; LANES]) -> F512 {
+            // SAFETY: the CPU has AVX-512 F, for `self` exists; an unaligned load of an array of 16 elements.
             F512(unsafe { _mm512_loadu_ps(from.as_ptr()) })
         }
         #[inline(always)]
@@ -429,9 +545,65 @@ pub(super) mod x86 {
             }
         }
         #[inline(always)]
-        fn store(self, to: &mut [f32], at: usize) {
-            let to = &mut to[at..at + LANES];
-            // SAFETY: as above; two unaligned stores that together cover a slice of 16 elements.
+        fn all(mask: Self::Mask) -> bool {
+            // SAFETY: as for `both`.
+            unsafe { _mm256_movemask_ps(_mm256_and_ps(mask.0, mask.1)) == 0xff }
+        }
+        #[inline(always)]
+        fn any(mask: Self::Mask) -> bool {
+            // SAFETY: as for `both`.
+            unsafe { _mm256_movemask_ps(_mm256_or_ps(mask.0, mask.1)) != 0 }
+        }
+        #[inline(always)]
+        fn first(self) -> f32 {
+            // SAFETY: the CPU has AVX2, for `self` exists.
+            unsafe { _mm256_cvtss_f32(self.0) }
+        }
+        #[inline(always)]
+        fn deinterleave(self, next: Self) -> (Self, Self) {
+            /// The even (0x88) or odd (0xdd) elements of two registers.
+            #[inline(always)]
+            unsafe fn half<const PICK: i32>(a: __m256, b: __m256) -> __m256 {
+                // SAFETY: the caller has AVX2.
+                unsafe {
+                    let mixed = _mm256_castps_pd(_mm256_shuffle_ps::<PICK>(a, b));
+                    _mm256_castpd_ps(_mm256_permute4x64_pd::<0b11_01_10_00>(mixed))
+                }
+            }
+            // SAFETY: the CPU has AVX2, for `self` exists.
+            unsafe {
+                (
+                    Self(
+                        half::<0x88>(self.0, self.1),
+                        half::<0x88>(next.0, next.1),
+                    ),
+                    Self(
+                        half::<0xdd>(self.0, self.1),
+                        half::<0xdd>(next.0, next.1),
+                    ),
+                )
+            }
+        }
+        #[inline(always)]
+        fn interleave(self, odd: Self) -> (Self, Self) {
+            /// The elements of two registers in turn.
+            #[inline(always)]
+            unsafe fn zip(even: __m256, odd: __m256) -> F256 {
+                // SAFETY: the caller has AVX2.
+                unsafe {
+                    let (low, high) = (_mm256_unpacklo_ps(even, odd), _mm256_unpackhi_ps(even, odd));
+                    F256(
+                        _mm256_permute2f128_ps::<0x20>(low, high),
+                        _mm256_permute2f128_ps::<0x31>(low, high),
+                    )
+                }
+            }
+            // SAFETY: the CPU has AVX2, for `self` exists.
+            unsafe { (zip(self.0, odd.0), zip(self.1, odd.1)) }
+        }
+        #[inline(always)]
+        fn put(self, to: &mut [f32; LANES]) {
+            // SAFETY: as above; two unaligned stores that together cover an array of 16 elements.
             unsafe {
                 _mm256_storeu_ps(to.as_mut_ptr(), self.0);
                 _mm256_storeu_ps(to.as_mut_ptr().add(8), self.1);
@@ -443,9 +615,8 @@ pub(super) mod x86 {
         type F = F256;
 
         #[inline(always)]
-        fn load(self, from: &[f32], at: usize) -> F256 {
-            let from = &from[at..at + LANES];
-            // SAFETY: the CPU has AVX2, for `self` exists; two unaligned loads inside a slice of 16 elements.
+        fn get(self, from: &[f32; LANES]) -> F256 {
+            // SAFETY: the CPU has AVX2, for `self` exists; two unaligned loads inside an array of 16 elements.
             unsafe {
                 F256(
                     _mm256_loadu_ps(from.as_ptr()),

@@ -1,0 +1,327 @@
+//! The linear system of a refinement, relaxed red and black in turn (successive over-relaxation) in one pass over the
+//! rows.
+//!
+//! Half-sweep `k` runs one row behind half-sweep `k - 1`, so that a few rows at a time are all that is kept, and in the
+//! cache. Rows are split into even and odd pixels: in each row one of the two is red. A half-sweep reads pixels that it
+//! does not write, so that threads cannot change a bit. At the border the picture is mirrored.
+
+use crate::simd::{Floats, LaneKernel, Level, Simd, blocks, blocks_mut, dispatch_lanes};
+
+use super::grid::PAD;
+use super::windows::Split;
+
+/// Quantities of a pixel besides the flow: half the weight of smoothness, by whose sum two neighbours are joined; the
+/// matrix, later its inverse (xx, xy, yy); the right side.
+const SYSTEM: usize = 6;
+const SMOOTH: usize = 0;
+
+/// One row to fill, even pixels and odd ones of: u, v, and the [`SYSTEM`] quantities.
+pub(super) type Row<'a> = [[&'a mut [f32]; 2]; 2 + SYSTEM];
+
+/// The rows under way.
+pub(super) struct Rows<'a> {
+    level: Level,
+    width: usize,
+    height: usize,
+    slots: usize,
+    relaxation: f32,
+    split: Split,
+    /// u and v.
+    flow: &'a mut [f32],
+    system: &'a mut [f32],
+}
+
+impl<'a> Rows<'a> {
+    /// Rows that must be kept: one for each half-sweep and its neighbours.
+    fn slots(halves: usize) -> usize {
+        halves + 3
+    }
+
+    /// Elements of memory for pictures of this width.
+    pub(super) fn size(width: usize, halves: usize) -> usize {
+        Self::slots(halves) * (2 + SYSTEM) * 2 * Split::of(width).half
+    }
+
+    pub(super) fn new(
+        level: Level,
+        width: usize,
+        height: usize,
+        halves: usize,
+        relaxation: f32,
+        memory: &'a mut [f32],
+    ) -> Self {
+        let (split, slots) = (Split::of(width), Self::slots(halves));
+        let (flow, system) = memory.split_at_mut(slots * 4 * split.half);
+        Self {
+            level,
+            width,
+            height,
+            slots,
+            relaxation,
+            split,
+            flow,
+            system,
+        }
+    }
+
+    /// Row `y`, to fill.
+    pub(super) fn next(&mut self, y: usize) -> Row<'_> {
+        let (slot, half) = (y % self.slots, self.split.half);
+        let flow = &mut self.flow[slot * 4 * half..][..4 * half];
+        let system = &mut self.system[slot * SYSTEM * 2 * half..][..SYSTEM * 2 * half];
+        let mut parts = flow.chunks_exact_mut(half).chain(system.chunks_exact_mut(half));
+        std::array::from_fn(|_| std::array::from_fn(|_| parts.next().unwrap_or_default()))
+    }
+
+    /// Mirror the flow and the smoothness of row `y`, which has been filled.
+    pub(super) fn border(&mut self, y: usize) {
+        let (slot, half, width) = (y % self.slots, self.split.half, self.width);
+        let flow = &mut self.flow[slot * 4 * half..][..4 * half];
+        let smooth = &mut self.system[(slot * SYSTEM + SMOOTH) * 2 * half..][..2 * half];
+        for row in flow.chunks_exact_mut(2 * half).chain([smooth]) {
+            let (even, odd) = row.split_at_mut(half);
+            mirror(even, 0, width);
+            mirror(odd, 1, width);
+        }
+    }
+
+    /// Rows above and below `y`.
+    fn neighbours(&self, y: usize) -> [usize; 2] {
+        let above = if y == 0 { 1 } else { y - 1 };
+        let below = if y + 1 == self.height { y - 1 } else { y + 1 };
+        [above, below]
+    }
+
+    /// Join the pixels of row `y` to their neighbours and invert their matrices.
+    pub(super) fn close(&mut self, y: usize) {
+        let [above, below] = self.neighbours(y);
+        let (slots, size) = (self.slots, SYSTEM * 2 * self.split.half);
+        let (here, [above, below]) = around(self.system, size, [y, above, below].map(|y| y % slots));
+        let kernel = Invert {
+            split: self.split,
+            smooth: [above, below],
+            here,
+        };
+        dispatch_lanes(self.level, kernel);
+    }
+
+    /// Relax every second pixel of row `y`, as the `half`-th half-sweep does.
+    pub(super) fn half_sweep(&mut self, half: usize, y: usize) {
+        let [above, below] = self.neighbours(y);
+        let (slots, row) = (self.slots, 2 * self.split.half);
+        let places = [y, above, below].map(|y| y % slots);
+        let (here, near) = around(self.flow, 2 * row, places);
+        let system = |place: usize| &self.system[place * SYSTEM * row..][..SYSTEM * row];
+        let first = (y + half) % 2;
+        let kernel = HalfSweep {
+            split: self.split,
+            first,
+            smooth: [system(places[1]), system(places[2])],
+            system: system(places[0]),
+            near,
+            relaxation: self.relaxation,
+            flow: &mut *here,
+        };
+        dispatch_lanes(self.level, kernel);
+        for axis in here.chunks_exact_mut(row) {
+            mirror(
+                &mut axis[first * self.split.half..][..self.split.half],
+                first,
+                self.width,
+            );
+        }
+    }
+
+    /// Write the flow of row `y` into padded rows.
+    pub(super) fn write(&self, y: usize, to: [&mut [f32]; 2]) {
+        let row = 2 * self.split.half;
+        let flow = &self.flow[(y % self.slots) * 2 * row..][..2 * row];
+        for (to, from) in to.into_iter().zip(flow.chunks_exact(row)) {
+            let split = self.split;
+            dispatch_lanes(self.level, Join { split, from, to });
+        }
+    }
+}
+
+/// Mirror the pixels of one half of a split row (`odd` is 0 or 1) into the places that neighbours look at.
+fn mirror(row: &mut [f32], odd: usize, width: usize) {
+    if odd == 1 {
+        row[PAD - 1] = row[PAD];
+    }
+    // The pixel right of the last one, if it belongs to this half.
+    if width % 2 == odd {
+        let at = PAD + width / 2;
+        row[at] = row[at - 1];
+    }
+}
+
+/// One of the rows of `size` elements to write, and two others to read.
+fn around(
+    rows: &mut [f32],
+    size: usize,
+    [here, above, below]: [usize; 3],
+) -> (&mut [f32], [&[f32]; 2]) {
+    let (before, rest) = rows.split_at_mut(here * size);
+    let (row, after) = rest.split_at_mut(size);
+    let (before, after) = (&*before, &*after);
+    let other = |place: usize| {
+        if place < here {
+            &before[place * size..][..size]
+        } else {
+            &after[(place - here - 1) * size..][..size]
+        }
+    };
+    (row, [other(above), other(below)])
+}
+
+/// Joins each pixel to its neighbours, and inverts its matrix.
+struct Invert<'a> {
+    split: Split,
+    /// The systems of the rows above and below.
+    smooth: [&'a [f32]; 2],
+    here: &'a mut [f32],
+}
+
+impl LaneKernel for Invert<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Split { half, count } = self.split;
+        let (smooth, rest) = self.here.split_at_mut(2 * half);
+        let smooth = &*smooth;
+        let (xx, rest) = rest.split_at_mut(2 * half);
+        let (xy, rest) = rest.split_at_mut(2 * half);
+        let yy = &mut rest[..2 * half];
+        let one = s.splat(1.0);
+        let zero = s.splat(0.0);
+        for odd in 0..2 {
+            let at = odd * half + PAD;
+            let joints = Joints::new(&self.split, odd, smooth, self.smooth);
+            let xx = blocks_mut(xx, at, count);
+            let xy = blocks_mut(xy, at, count);
+            let yy = blocks_mut(yy, at, count);
+            for i in 0..count {
+                let [left, right, above, below] = joints.get(s, i);
+                let joined = (left + right) + (above + below);
+                let (a, b, c) = (s.get(&xx[i]) + joined, s.get(&xy[i]), s.get(&yy[i]) + joined);
+                let scale = one / (a * c - b * b);
+                (c * scale).put(&mut xx[i]);
+                ((zero - b) * scale).put(&mut xy[i]);
+                (a * scale).put(&mut yy[i]);
+            }
+        }
+    }
+}
+
+/// The weights that join the even or odd pixels of a row to their neighbours.
+struct Joints<'a> {
+    here: &'a [[f32; crate::simd::LANES]],
+    /// Left, right, above, below.
+    near: [&'a [[f32; crate::simd::LANES]]; 4],
+}
+
+impl<'a> Joints<'a> {
+    #[inline(always)]
+    fn new(split: &Split, odd: usize, smooth: &'a [f32], near: [&'a [f32]; 2]) -> Self {
+        let Split { half, count } = *split;
+        let at = odd * half + PAD;
+        let other = (1 - odd) * half + PAD + odd;
+        Self {
+            here: blocks(smooth, at, count),
+            near: [
+                blocks(smooth, other - 1, count),
+                blocks(smooth, other, count),
+                blocks(near[0], at, count),
+                blocks(near[1], at, count),
+            ],
+        }
+    }
+
+    #[inline(always)]
+    fn get<S: Simd>(&self, s: S, i: usize) -> [S::F; 4] {
+        let here = s.get(&self.here[i]);
+        [
+            here + s.get(&self.near[0][i]),
+            here + s.get(&self.near[1][i]),
+            here + s.get(&self.near[2][i]),
+            here + s.get(&self.near[3][i]),
+        ]
+    }
+}
+
+/// Relaxes the even or the odd pixels of a row.
+struct HalfSweep<'a> {
+    split: Split,
+    /// 0 for the even pixels, 1 for the odd ones.
+    first: usize,
+    /// The systems of the rows above and below.
+    smooth: [&'a [f32]; 2],
+    system: &'a [f32],
+    /// The flow of the rows above and below.
+    near: [&'a [f32]; 2],
+    relaxation: f32,
+    flow: &'a mut [f32],
+}
+
+impl LaneKernel for HalfSweep<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Split { half, count } = self.split;
+        let odd = self.first;
+        let (at, other) = (odd * half + PAD, (1 - odd) * half + PAD + odd);
+        let joints = Joints::new(&self.split, odd, &self.system[..2 * half], self.smooth);
+        let quantity = |index: usize| blocks(&self.system[index * 2 * half..], at, count);
+        let [xx, xy, yy, bu, bv] = [1, 2, 3, 4, 5].map(quantity);
+        let near = |axis: usize| {
+            self.near
+                .map(|row| blocks(&row[axis * 2 * half..], at, count))
+        };
+        let ([above_u, below_u], [above_v, below_v]) = (near(0), near(1));
+        let (u, v) = self.flow.split_at_mut(2 * half);
+        let [(u, beside_u), (v, beside_v)] = [u, v].map(|row| {
+            let (even, odds) = row.split_at_mut(half);
+            if odd == 0 { (even, &*odds) } else { (odds, &*even) }
+        });
+        let (u, v) = (blocks_mut(u, PAD, count), blocks_mut(v, PAD, count));
+        let sides = |row| [blocks(row, PAD + odd - 1, count), blocks(row, PAD + odd, count)];
+        let ([left_u, right_u], [left_v, right_v]) = (sides(beside_u), sides(beside_v));
+        let _ = other;
+        let relaxation = s.splat(self.relaxation);
+        for i in 0..count {
+            let [left, right, above, below] = joints.get(s, i);
+            let bu = s.get(&bu[i])
+                + (left * s.get(&left_u[i]) + right * s.get(&right_u[i]))
+                + (above * s.get(&above_u[i]) + below * s.get(&below_u[i]));
+            let bv = s.get(&bv[i])
+                + (left * s.get(&left_v[i]) + right * s.get(&right_v[i]))
+                + (above * s.get(&above_v[i]) + below * s.get(&below_v[i]));
+            let (xx, xy, yy) = (s.get(&xx[i]), s.get(&xy[i]), s.get(&yy[i]));
+            let (now_u, now_v) = (s.get(&u[i]), s.get(&v[i]));
+            (now_u + relaxation * ((xx * bu + xy * bv) - now_u)).put(&mut u[i]);
+            (now_v + relaxation * ((xy * bu + yy * bv) - now_v)).put(&mut v[i]);
+        }
+    }
+}
+
+/// Even and odd pixels in turn.
+struct Join<'a> {
+    split: Split,
+    from: &'a [f32],
+    to: &'a mut [f32],
+}
+
+impl LaneKernel for Join<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Split { half, count } = self.split;
+        let (even, odd) = (
+            blocks(self.from, PAD, count),
+            blocks(self.from, half + PAD, count),
+        );
+        let to = blocks_mut(self.to, PAD, 2 * count);
+        for i in 0..count {
+            let (first, second) = s.get(&even[i]).interleave(s.get(&odd[i]));
+            first.put(&mut to[2 * i]);
+            second.put(&mut to[2 * i + 1]);
+        }
+    }
+}
