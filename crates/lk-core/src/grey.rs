@@ -1,6 +1,7 @@
 //! The range of a frame's grey levels, and the scale that brings it to where thresholds in grey levels hold.
 
 use crate::frame::{Frame, Pixel};
+use crate::simd::{Kernel, Level, dispatch};
 
 /// Ranges that are left alone: those of frames of 8 bits with some contrast.
 const ORDINARY: std::ops::RangeInclusive<f64> = 16.0..=512.0;
@@ -61,6 +62,12 @@ impl Greys {
         f32::from_bits(((127 + exponent) as u32) << 23)
     }
 
+    /// The least and the largest grey level, multiplied by `scale`.
+    pub(crate) fn range(&self, scale: f32) -> Option<[f32; 2]> {
+        let range = self.extremes?.map(|value| value * scale);
+        range.iter().all(|value| value.is_finite()).then_some(range)
+    }
+
     /// Whether every pixel is finite, also once it is multiplied by `scale`.
     pub(crate) fn stay_finite(&self, scale: f32) -> bool {
         let extremes = self.extremes.unwrap_or_default();
@@ -71,25 +78,59 @@ impl Greys {
 /// The extremes of `row`; `None` if it is empty or holds what is not finite.
 fn finite_extremes<T: Pixel>(row: &[T]) -> Option<[f32; 2]> {
     let first = *row.first()?;
-    let (mut low, mut high, mut nan) = ([first; 16], [first; 16], [0u32; 16]);
-    let (blocks, rest) = row.as_chunks::<16>();
-    let mut tail = [first; 16];
-    tail[..rest.len()].copy_from_slice(rest);
-    for block in blocks.iter().chain([&tail]) {
-        for k in 0..16 {
-            let value = block[k];
-            low[k] = if value < low[k] { value } else { low[k] };
-            high[k] = if value > high[k] { value } else { high[k] };
-            #[allow(clippy::eq_op, reason = "true for NaN; costs integers nothing")]
-            let is_nan = value != value;
-            nan[k] |= u32::from(is_nan);
+    let Extremes { low, high, nan } = dispatch(Level::detected(), Scan { row, first });
+    let (low, high) = (low.to_f32(), high.to_f32());
+    (!nan && low.is_finite() && high.is_finite()).then_some([low, high])
+}
+
+/// The least and the largest of a row, and whether there is a NaN among it.
+struct Extremes<T> {
+    low: T,
+    high: T,
+    nan: bool,
+}
+
+struct Scan<'a, T> {
+    row: &'a [T],
+    first: T,
+}
+
+/// Pixels that are compared at a time.
+const GROUP: usize = 64;
+
+impl<T: Pixel> Kernel for Scan<'_, T> {
+    type Output = Extremes<T>;
+
+    #[inline(always)]
+    fn run(self) -> Extremes<T> {
+        let first = self.first;
+        let (mut low, mut high, mut nan) = ([first; GROUP], [first; GROUP], false);
+        let (groups, rest) = self.row.as_chunks::<GROUP>();
+        let mut tail = [first; GROUP];
+        tail[..rest.len()].copy_from_slice(rest);
+        for group in groups.iter().chain([&tail]) {
+            let mut strange = 0u32;
+            for k in 0..GROUP {
+                let value = group[k];
+                low[k] = if value < low[k] { value } else { low[k] };
+                high[k] = if value > high[k] { value } else { high[k] };
+                #[allow(clippy::eq_op, reason = "true for NaN; costs integers nothing")]
+                let is_nan = value != value;
+                strange |= u32::from(is_nan);
+            }
+            nan |= strange != 0;
+        }
+        let (mut least, mut largest) = (first, first);
+        for (low, high) in low.into_iter().zip(high) {
+            least = if low < least { low } else { least };
+            largest = if high > largest { high } else { largest };
+        }
+        Extremes {
+            low: least,
+            high: largest,
+            nan,
         }
     }
-    let (low, high) = (low.map(T::to_f32), high.map(T::to_f32));
-    let least = low.iter().copied().fold(low[0], f32::min);
-    let largest = high.iter().copied().fold(high[0], f32::max);
-    let finite = nan == [0; 16] && least.is_finite() && largest.is_finite();
-    finite.then_some([least, largest])
 }
 
 #[cfg(test)]

@@ -25,11 +25,12 @@ const MISFIT: f32 = 1.0;
 /// Mean squared differences that noise explains, in squared grey levels.
 const NOISE: f32 = 16.0;
 
-/// Fill `field` with the flow of `input` and what its windows say. `finite` is 0 where `next` is not finite; `unit` is
+/// Fill `field` with the flow of `input` and what its windows say. `given` is 0 at pixels of `prev` that were not to be
+/// measured, `finite` where `next` is not finite; `unit` is
 /// what one grey level of the planes is in those of the caller.
 pub(super) fn assess(
     input: Views<'_>,
-    finite: Option<&Plane>,
+    (given, finite): (Option<&Plane>, Option<&Plane>),
     centred: bool,
     unit: f32,
     field: &mut FlowField,
@@ -62,7 +63,7 @@ pub(super) fn assess(
                     };
                     dispatch_lanes(level, kernel);
                     let (u, v) = (input.u.row(y), input.v.row(y));
-                    let (uv, _) = uv.row_mut(local).as_chunks_mut::<2>();
+                    let uv = uv.row_mut(local);
                     let (valid, residual) = (valid.row_mut(local), residual.row_mut(local));
                     let kernel = Judge {
                         y: y as f32,
@@ -75,7 +76,8 @@ pub(super) fn assess(
                         residual: &mut *residual,
                     };
                     dispatch(level, kernel);
-                    if let Some(weight) = input.weight {
+                    let (uv, _) = uv.as_chunks_mut::<2>();
+                    if let Some(weight) = given {
                         for (x, weight) in weight.row(y).iter().enumerate() {
                             if *weight == 0.0 {
                                 uv[x] = [f32::NAN; 2];
@@ -140,7 +142,7 @@ struct Judge<'a> {
     flow: [&'a [f32]; 2],
     /// How many pixels count, texture and energy.
     fit: [&'a [f32]; 3],
-    uv: &'a mut [[f32; 2]],
+    uv: &'a mut [f32],
     valid: &'a mut [bool],
     residual: &'a mut [f32],
 }
@@ -155,19 +157,23 @@ impl Kernel for Judge<'_> {
             self.flow.map(|row| &row[..width]),
             self.fit.map(|row| &row[..width]),
         );
-        let (uv, residual) = (&mut self.uv[..width], &mut self.residual[..width]);
+        let (pairs, _) = self.uv.as_chunks_mut::<2>();
+        for ((pair, u), v) in pairs.iter_mut().zip(u).zip(v) {
+            *pair = [*u, *v];
+        }
+        for (residual, energy) in self.residual.iter_mut().zip(energy) {
+            *residual = energy.sqrt() * self.unit;
+        }
+        let [right, bottom] = self.size;
+        let (y, valid) = (self.y, &mut self.valid[..width]);
         for x in 0..width {
-            uv[x] = [u[x], v[x]];
-            residual[x] = energy[x].sqrt() * self.unit;
-            let (at_x, at_y) = (x as f32 + u[x], self.y + v[x]);
-            // Without shortcuts, so that lanes can do it.
-            self.valid[x] = (at_x >= 0.0)
-                & (at_x <= self.size[0])
-                & (at_y >= 0.0)
-                & (at_y <= self.size[1])
-                & (2.0 * count[x] > ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32)
-                & (texture[x] >= TEXTURE)
-                & (energy[x] <= NOISE + MISFIT * texture[x]);
+            let (at_x, at_y) = (x as i32 as f32 + u[x], y + v[x]);
+            // Each term is negative where something is amiss: one sign to look at, which lanes can do.
+            let within = (at_x.min(right - at_x)).min(at_y.min(bottom - at_y));
+            let enough = 2.0 * count[x] - ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32;
+            let textured = texture[x] - TEXTURE;
+            let fits = NOISE + MISFIT * texture[x] - energy[x];
+            valid[x] = within.min(enough).min(textured.min(fits)) >= 0.0;
         }
     }
 }

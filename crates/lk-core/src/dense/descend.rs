@@ -10,13 +10,15 @@ use super::light::Light;
 use super::options::{DenseHints, DenseOptions};
 use super::step::StepOptions;
 use super::windows::Views;
-use super::{median, refine, select, step, upsample};
+use super::{median, refine, select, step, upsample, weights};
 
 /// Light is estimated on levels of at most this many pixels along the longer side, and carried over to finer ones.
 const LIGHT_SIZE: usize = 100;
 /// Half the windows of its trend over the picture, and of what differs locally, in pixels of those levels. Where light
 /// has changed, all are tried: on coarse levels a wrong guess can lead the flow astray.
 const LIGHT_RADII: [(usize, usize); 4] = [(3, 8), (2, 8), (5, 12), (3, 6)];
+/// Whether it has changed is looked at closely where the logarithm of the gain exceeds this.
+const SUSPICIOUS: f64 = 0.05;
 /// Light is taken to have changed where that leaves less than this share of the misfit.
 const CHANGED: f64 = 0.9;
 
@@ -33,6 +35,10 @@ pub(super) struct Memory {
     energy: Grid,
     pub(super) light: Light,
     pub(super) weights: Vec<Plane>,
+    /// 0 at pixels of `prev` that are masked or not finite.
+    pub(super) given: Plane,
+    /// 0 at pixels that count for nothing, clipped ones among them.
+    unclipped: Plane,
 }
 
 impl Memory {
@@ -100,6 +106,8 @@ pub(super) struct Descent<'a> {
     /// Its light is changed on the way.
     pub(super) prev: &'a mut Pyramid,
     pub(super) next: &'a Pyramid,
+    /// The extremes of `prev` and of `next`, if they have any.
+    pub(super) ranges: [Option<[f32; 2]>; 2],
     /// Whether some pixels count for nothing.
     pub(super) weighted: bool,
     pub(super) memory: &'a mut Memory,
@@ -117,14 +125,9 @@ impl Descent<'_> {
             .position(small)
             .unwrap_or(coarsest)
             .min(coarsest);
-        for level in (first..=coarsest).rev() {
-            if level < coarsest {
-                self.finer(level)?;
-            }
-            self.level(level)?;
-        }
+        self.coarse(first, coarsest, hints)?;
         let mut lit = None;
-        if self.options.illumination == Illumination::GainOffset {
+        if self.options.illumination == Illumination::GainOffset && self.gain_matters(first) {
             let mut least = CHANGED * self.memory.misfit();
             self.memory.keep_flow();
             self.memory
@@ -156,6 +159,7 @@ impl Descent<'_> {
                 {
                     plane.clone_from(kept);
                 }
+                if std::env::var("GM").is_ok() { eprintln!("radii {radii:?} misfit {misfit:.3} least {least:.3}"); }
                 if misfit < least {
                     least = misfit;
                     lit = Some(first);
@@ -178,17 +182,65 @@ impl Descent<'_> {
             } = &mut *self.memory;
             std::mem::swap(flow, best);
             std::mem::swap(light, best_light);
+            if lit.is_some() {
+                self.relight_all(first)?;
+                self.coarse(first, coarsest, hints)?;
+            }
         }
         for level in (0..first).rev() {
             self.finer(level)?;
-            if let Some(from) = lit {
-                self.memory
-                    .light
-                    .apply(&mut self.prev.levels_mut()[level], from - level);
-            }
             self.level(level)?;
         }
         Ok(lit)
+    }
+
+    /// Measure the levels from the coarsest one to `first`.
+    fn coarse(&mut self, first: usize, coarsest: usize, hints: DenseHints<'_>) -> Result<()> {
+        self.memory.start(self.prev, hints);
+        for level in (first..=coarsest).rev() {
+            if level < coarsest {
+                self.finer(level)?;
+            }
+            self.level(level)?;
+        }
+        Ok(())
+    }
+
+    /// Give `prev` the light of `next` on all levels, as level `from` has seen it. A sensor clips what is beyond its range,
+    /// which says nothing of motion: pixels at the limits of either frame weigh nothing from here on.
+    fn relight_all(&mut self, from: usize) -> Result<()> {
+        let Memory {
+            light,
+            weights,
+            unclipped,
+            ..
+        } = &mut *self.memory;
+        let finest = &mut self.prev.levels_mut()[0];
+        unclipped.resize(finest.width(), finest.height());
+        let within = |value: f32, range: Option<[f32; 2]>| {
+            range.is_none_or(|[low, high]| value > low && value < high)
+        };
+        for (weight, value) in unclipped.data_mut().iter_mut().zip(finest.data()) {
+            *weight = f32::from(u8::from(within(*value, self.ranges[0])));
+        }
+        light.apply(finest, from);
+        for (weight, value) in unclipped.data_mut().iter_mut().zip(finest.data_mut()) {
+            if let Some([low, high]) = self.ranges[1] {
+                *value = value.clamp(low, high);
+            }
+            if !within(*value, self.ranges[1]) {
+                *weight = 0.0;
+            }
+        }
+        self.prev.reduce_again(&self.options.execution)?;
+        if self.weighted {
+            for (to, given) in unclipped.data_mut().iter_mut().zip(weights[0].data()) {
+                *to *= given;
+            }
+        }
+        self.weighted = true;
+        weights::pyramid(unclipped, self.prev, weights);
+        Ok(())
     }
 
     /// Carry the flow over from the next coarser level.
@@ -205,6 +257,15 @@ impl Descent<'_> {
             std::mem::swap(flow, spare);
         }
         Ok(())
+    }
+
+    /// Whether the light may have changed by more than an offset.
+    fn gain_matters(&mut self, level: usize) -> bool {
+        let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
+        let weight = self.weighted.then(|| &self.memory.weights[level]);
+        let [trend, beyond] = self.memory.light.change(prev, next, weight, LIGHT_RADII[0].1);
+        if std::env::var("GM").is_ok() { eprintln!("share {trend:.3}/{beyond:.3}"); }
+        trend > SUSPICIOUS || beyond > 2.0 * SUSPICIOUS
     }
 
     /// Give `prev` the light of `next`, as the flow so far sees it.
@@ -279,10 +340,10 @@ impl Descent<'_> {
                 std::mem::swap(v, to_v);
             }
             if of_level.median > 0 {
-                for (from, to) in [(&mut *u, &mut *to_u), (&mut *v, &mut *to_v)] {
-                    median::median(from, of_level.median, to, execution)?;
-                    std::mem::swap(from, to);
-                }
+                let to = [&mut *to_u, &mut *to_v];
+                median::median([&*u, &*v], of_level.median, to, execution)?;
+                std::mem::swap(u, to_u);
+                std::mem::swap(v, to_v);
             }
         }
         if of_level.refine {

@@ -59,19 +59,23 @@ impl FlowField {
         (self.uv, self.valid, self.residual)
     }
 
-    /// Take a size; nothing is measured yet.
-    pub(super) fn reset(&mut self, width: usize, height: usize) {
+    /// Take a size; what is measured is unspecified until it is written.
+    pub(super) fn resize(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
-        self.uv.clear();
         self.uv.resize(2 * width * height, f32::NAN);
-        self.valid.clear();
         self.valid.resize(width * height, false);
-        self.residual.clear();
         self.residual.resize(width * height, f32::NAN);
         for (plane, value) in [(&mut self.gain, 1.0), (&mut self.offset, 0.0)] {
             plane.resize(1, 1);
             plane.data_mut().fill(value);
         }
         self.halvings = 0;
+    }
+
+    /// Nothing is measured.
+    pub(super) fn clear(&mut self) {
+        self.uv.fill(f32::NAN);
+        self.valid.fill(false);
+        self.residual.fill(f32::NAN);
     }
 }

@@ -11,6 +11,11 @@ pub(super) fn stride(width: usize) -> usize {
     width.next_multiple_of(2 * LANES) + 2 * PAD
 }
 
+/// Groups of lanes that hold a row of `width` pixels.
+pub(super) fn groups(width: usize) -> usize {
+    width.div_ceil(LANES)
+}
+
 /// Rows of `f32` with room on both sides; what stands there is up to whoever wrote the row.
 #[derive(Debug, Default)]
 pub(super) struct Grid {
@@ -44,18 +49,6 @@ impl Grid {
     #[inline(always)]
     pub(super) fn padded(&self, y: usize) -> &[f32] {
         &self.data[y * self.stride..(y + 1) * self.stride]
-    }
-
-    /// The rows above, at and below `y`, with their room; the border repeats.
-    pub(super) fn near(&self, y: usize) -> [&[f32]; 3] {
-        [y.saturating_sub(1), y, (y + 1).min(self.height - 1)].map(|y| self.padded(y))
-    }
-
-    /// Take size and content of `other`.
-    pub(super) fn copy_from(&mut self, other: &Self) {
-        self.resize(other.width, other.height);
-        let size = self.stride * self.height;
-        self.data[..size].copy_from_slice(&other.data[..size]);
     }
 
     /// Row `y`.

@@ -24,8 +24,8 @@ const PRIOR: f64 = 0.02;
 pub(super) struct Light {
     pub(super) gain: Plane,
     pub(super) offset: Plane,
-    /// Integral images of: weight, p, p p, w, w w.
-    integral: Vec<[f64; 5]>,
+    /// Integral images of: weight, p, p p, w, w w, p w.
+    integral: Vec<[f64; 6]>,
     rows: Vec<f32>,
 }
 
@@ -40,28 +40,15 @@ impl Light {
         level: Level,
     ) {
         let (width, height) = (input.prev.width(), input.prev.height());
-        self.gain.resize(width, height);
-        self.offset.resize(width, height);
-        self.gain.data_mut().fill(1.0);
-        self.offset.data_mut().fill(0.0);
+        self.begin(width, height);
         self.accumulate(input, level);
         let whole = self.moments(width, (0, 0), (width, height));
-        let mut gain_trend = Trend::default();
-        for y in 0..height {
-            for x in 0..width {
-                let window = self.around(x, y, small);
-                let (from, to) = (window[2] + PRIOR * whole[2], window[4] + PRIOR * whole[4]);
-                if from > 0.0 && to > 0.0 {
-                    gain_trend.add(x, y, 0.5 * (to / from).ln(), (from * to).sqrt());
-                }
-            }
-        }
-        let gain_trend = gain_trend.solve();
+        let gain_trend = self.gain_trend(small, 1, whole).solve();
         let gain = |x: usize, y: usize| gain_trend(x, y).exp().clamp(*GAIN.start(), *GAIN.end());
         let mut offset_trend = Trend::default();
         for y in 0..height {
             for x in 0..width {
-                let [n, p, _, w, _] = self.around(x, y, small);
+                let [n, p, _, w, ..] = self.around(x, y, small);
                 if n > 0.0 {
                     offset_trend.add(x, y, w - gain(x, y) * p, 1.0);
                 }
@@ -90,7 +77,51 @@ impl Light {
         }
     }
 
-    fn around(&self, x: usize, y: usize, radius: usize) -> [f64; 5] {
+    /// How far the light of `next` is from that of `prev`, without regard to motion: the largest logarithm of the gain
+    /// of a trend over the picture, and the root mean square of what windows of `2 radius + 1` pixels say beyond it.
+    pub(super) fn change(&mut self, prev: &Plane, next: &Plane, weight: Option<&Plane>, radius: usize) -> [f64; 2] {
+        let (width, height) = (prev.width(), prev.height());
+        self.begin(width, height);
+        self.integrate(prev, weight, |y, _, warped| warped[PAD..PAD + width].copy_from_slice(next.row(y)));
+        let whole = self.moments(width, (0, 0), (width, height));
+        let step = radius.div_ceil(2);
+        let trend = self.gain_trend(radius, step, whole).solve();
+        let corners = [(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)];
+        let most = corners.map(|(x, y)| trend(x, y).abs()).into_iter().fold(0.0, f64::max);
+        let (mut sum, mut all) = (0.0, 0.0);
+        for y in (0..height).step_by(step) {
+            for x in (0..width).step_by(step) {
+                if let Some((gain, weight)) = log_gain(self.around(x, y, radius), whole) {
+                    sum += weight * (gain - trend(x, y)).powi(2);
+                    all += weight;
+                }
+            }
+        }
+        [most, if all > 0.0 { (sum / all).sqrt() } else { 0.0 }]
+    }
+
+    /// Steady light, of a size.
+    fn begin(&mut self, width: usize, height: usize) {
+        self.gain.resize(width, height);
+        self.offset.resize(width, height);
+        self.gain.data_mut().fill(1.0);
+        self.offset.data_mut().fill(0.0);
+    }
+
+    /// The trend of the logarithm of the gain, from windows of `2 radius + 1` pixels, one in each `step` rows and columns.
+    fn gain_trend(&self, radius: usize, step: usize, whole: [f64; 6]) -> Trend {
+        let mut trend = Trend::default();
+        for y in (0..self.gain.height()).step_by(step) {
+            for x in (0..self.gain.width()).step_by(step) {
+                if let Some((gain, weight)) = log_gain(self.around(x, y, radius), whole) {
+                    trend.add(x, y, gain, weight);
+                }
+            }
+        }
+        trend
+    }
+
+    fn around(&self, x: usize, y: usize, radius: usize) -> [f64; 6] {
         let (width, height) = (self.gain.width(), self.gain.height());
         let (top, bottom) = (y.saturating_sub(radius), (y + radius + 1).min(height));
         let (left, right) = (x.saturating_sub(radius), (x + radius + 1).min(width));
@@ -98,14 +129,8 @@ impl Light {
     }
 
     fn accumulate(&mut self, input: Views<'_>, level: Level) {
-        let (width, height) = (input.prev.width(), input.prev.height());
-        let stride = grid::stride(width);
-        self.integral.clear();
-        self.integral.resize((width + 1) * (height + 1), [0.0; 5]);
-        self.rows.resize(2 * stride, 0.0);
-        for y in 0..height {
-            let mut full = false;
-            let (warped, inside) = self.rows.split_at_mut(stride);
+        let mut full = false;
+        self.integrate(input.prev, input.weight, |y, inside, warped| {
             let (u, v) = (input.u.padded(y), input.v.padded(y));
             dispatch_lanes(
                 level,
@@ -114,22 +139,41 @@ impl Light {
                     y,
                     u,
                     v,
-                    warped: &mut *warped,
-                    inside: &mut *inside,
+                    warped,
+                    inside,
                     full: &mut full,
                 },
             );
-            let mut sum = [0.0; 5];
+        });
+    }
+
+    /// Integral images of `prev`, in the light so far, and of rows that `second` writes, with their weights.
+    fn integrate(
+        &mut self,
+        prev: &Plane,
+        weight: Option<&Plane>,
+        mut second: impl FnMut(usize, &mut [f32], &mut [f32]),
+    ) {
+        let (width, height) = (prev.width(), prev.height());
+        let stride = grid::stride(width);
+        self.integral.clear();
+        self.integral.resize((width + 1) * (height + 1), [0.0; 6]);
+        self.rows.clear();
+        self.rows.resize(2 * stride, 1.0);
+        for y in 0..height {
+            let (warped, inside) = self.rows.split_at_mut(stride);
+            second(y, inside, warped);
+            let mut sum = [0.0; 6];
             for x in 0..width {
-                let mut weight = f64::from(inside[PAD + x]);
-                if let Some(plane) = input.weight {
-                    weight *= f64::from(plane.row(y)[x]);
+                let mut share = f64::from(inside[PAD + x]);
+                if let Some(plane) = weight {
+                    share *= f64::from(plane.row(y)[x]);
                 }
-                if weight > 0.0 {
-                    let p = self.gain.row(y)[x] * input.prev.row(y)[x] + self.offset.row(y)[x];
+                if share > 0.0 {
+                    let p = self.gain.row(y)[x] * prev.row(y)[x] + self.offset.row(y)[x];
                     let (p, w) = (f64::from(p), f64::from(warped[PAD + x]));
-                    for (sum, value) in sum.iter_mut().zip([1.0, p, p * p, w, w * w]) {
-                        *sum += weight * value;
+                    for (sum, value) in sum.iter_mut().zip([1.0, p, p * p, w, w * w, p * w]) {
+                        *sum += share * value;
                     }
                 }
                 let above = self.integral[y * (width + 1) + x + 1];
@@ -139,13 +183,13 @@ impl Light {
         }
     }
 
-    /// Weight, means and variances (p, then w) within a rectangle.
+    /// Weight, means and variances (p, then w), and the covariance of both, within a rectangle.
     fn moments(
         &self,
         width: usize,
         (left, top): (usize, usize),
         (right, bottom): (usize, usize),
-    ) -> [f64; 5] {
+    ) -> [f64; 6] {
         let at = |x: usize, y: usize| self.integral[y * (width + 1) + x];
         let (a, b, c, d) = (
             at(left, top),
@@ -153,9 +197,9 @@ impl Light {
             at(left, bottom),
             at(right, bottom),
         );
-        let [n, p, pp, w, ww] = std::array::from_fn(|k| (d[k] - c[k]) - (b[k] - a[k]));
+        let [n, p, pp, w, ww, pw] = std::array::from_fn(|k| (d[k] - c[k]) - (b[k] - a[k]));
         if n < 1.0 {
-            return [0.0; 5];
+            return [0.0; 6];
         }
         let (p, w) = (p / n, w / n);
         [
@@ -164,6 +208,7 @@ impl Light {
             (pp / n - p * p).max(0.0),
             w,
             (ww / n - w * w).max(0.0),
+            pw / n - p * w,
         ]
     }
 
@@ -205,9 +250,15 @@ impl Light {
     }
 }
 
-fn model(window: [f64; 5], whole: [f64; 5]) -> (f64, f64) {
-    let [n, p, pp, w, ww] = window;
-    let [all, _, whole_pp, _, whole_ww] = whole;
+/// The logarithm of the gain within a window, and how much that says.
+fn log_gain(window: [f64; 6], whole: [f64; 6]) -> Option<(f64, f64)> {
+    let (from, to) = (window[2] + PRIOR * whole[2], window[4] + PRIOR * whole[4]);
+    (from > 0.0 && to > 0.0).then(|| (0.5 * (to / from).ln(), (from * to).sqrt()))
+}
+
+fn model(window: [f64; 6], whole: [f64; 6]) -> (f64, f64) {
+    let [n, p, pp, w, ww, _] = window;
+    let [all, _, whole_pp, _, whole_ww, _] = whole;
     if n < 1.0 || all < 1.0 {
         return (1.0, 0.0);
     }

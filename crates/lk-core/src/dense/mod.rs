@@ -209,14 +209,16 @@ impl DenseFlow {
         } = self;
         let base = &prev.pyramid.levels()[0];
         let (width, height) = (base.width(), base.height());
-        field.reset(width, height);
+        field.resize(width, height);
         if width < 2 || height < 2 {
+            field.clear();
             return Ok(());
         }
         let finite = Some(&prev.finite).filter(|plane| plane.width() > 0);
         let weighted = hints.mask.is_some() || finite.is_some();
         if weighted {
-            weights::pyramid(hints.mask, finite, &prev.pyramid, &mut memory.weights);
+            weights::given(hints.mask, finite, (width, height), &mut memory.given);
+            weights::pyramid(&memory.given, &prev.pyramid, &mut memory.weights);
         }
         // A power of two: dividing by it is exact.
         let unit = prev.scale.recip();
@@ -224,10 +226,13 @@ impl DenseFlow {
             options,
             prev: &mut prev.pyramid,
             next: &next.pyramid,
+            ranges: [&prev.greys, &next.greys].map(|greys| greys.range(next.scale)),
             weighted,
             memory: &mut *memory,
         };
-        if let Some(halvings) = descent.run(hints)? {
+        let lit = descent.run(hints)?;
+        let counted = descent.weighted;
+        if let Some(halvings) = lit {
             field.gain.clone_from(&memory.light.gain);
             field.offset.clone_from(&memory.light.offset);
             scale_by(field.offset.data_mut(), unit);
@@ -236,6 +241,7 @@ impl DenseFlow {
         let Memory {
             flow: [u, v],
             weights,
+            given,
             ..
         } = &*memory;
         let input = Views {
@@ -243,12 +249,13 @@ impl DenseFlow {
             next: &next.pyramid.levels()[0],
             u,
             v,
-            weight: weighted.then(|| &weights[0]),
+            weight: counted.then(|| &weights[0]),
         };
+        let given = weighted.then_some(given);
         let bad = Some(&next.finite).filter(|plane| plane.width() > 0);
         assess::assess(
             input,
-            bad,
+            (given, bad),
             options.illumination != Illumination::None,
             unit,
             field,

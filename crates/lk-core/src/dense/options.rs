@@ -66,7 +66,7 @@ pub struct LevelRecipe {
     pub radius: usize,
     /// How far away the neighbours are whose flow a pixel may take, 1 to 16 pixels; 0: it takes none.
     pub distance: usize,
-    /// Size of the median after each step: 3, 5, or 0 for none.
+    /// How far apart the nine pixels are whose median is taken after each step, 1 to 16; 0: none.
     pub median: usize,
     /// Whether the level ends with a variational refinement.
     pub refine: bool,
@@ -116,17 +116,17 @@ impl Recipe {
         };
         let (levels, rounds, sweeps) = match preset {
             Preset::Fast => (
-                [level(1, 3, false), level(1, 3, true), level(3, 3, true)],
+                [level(1, 2, false), level(1, 2, true), level(3, 2, true)],
                 1,
                 4,
             ),
             Preset::Balanced => (
-                [level(1, 3, true), level(2, 5, true), level(4, 5, true)],
+                [level(1, 2, true), level(2, 2, true), level(4, 2, true)],
                 2,
                 4,
             ),
             Preset::Accurate => (
-                [level(3, 5, true), level(3, 5, true), level(4, 5, true)],
+                [level(3, 2, true), level(3, 2, true), level(4, 2, true)],
                 5,
                 6,
             ),
@@ -223,8 +223,8 @@ impl DenseOptions {
             if level.distance > 16 {
                 return Err(Error::option("distance", level.distance, "0 to 16 pixels"));
             }
-            if ![0, 3, 5].contains(&level.median) {
-                return Err(Error::option("median", level.median, "0, 3 or 5"));
+            if level.median > 16 {
+                return Err(Error::option("median", level.median, "0 to 16 pixels"));
             }
         }
         if !(1..=3).contains(&self.recipe.refine.radius) {

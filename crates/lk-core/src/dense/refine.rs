@@ -11,7 +11,7 @@
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::for_each_band;
-use crate::simd::{Floats, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
 use super::relax::Rows;
@@ -143,8 +143,12 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
         let across = [[near(u, 0), near(u, 2)], [near(v, 0), near(v, 2)]];
         let down = [[near(ua, 1), near(ub, 1)], [near(va, 1), near(vb, 1)]];
         let here = [near(u, 1), near(v, 1)];
-        let [to_u, to_v, to_smooth, to_xx, to_xy, to_yy, to_bu, to_bv] =
-            self.to.map(|halves| halves.map(|row| blocks_mut(row, PAD, count)));
+        let [to_u, to_v, to_smooth, to_xx, to_xy, to_yy, to_bu, to_bv] = self.to;
+        let (to_u, to_v) = (&mut groups(to_u, count), &mut groups(to_v, count));
+        let to_smooth = &mut groups(to_smooth, count);
+        let (to_xx, to_xy) = (&mut groups(to_xx, count), &mut groups(to_xy, count));
+        let to_yy = &mut groups(to_yy, count);
+        let (to_bu, to_bv) = (&mut groups(to_bu, count), &mut groups(to_bv, count));
         for i in 0..count {
             let mut slopes = [smooth_epsilon; 2];
             for k in 0..2 {
@@ -179,4 +183,10 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
             }
         }
     }
+}
+
+/// Both halves of a split row, in groups of lanes.
+#[inline(always)]
+fn groups<'a>([even, odd]: [&'a mut [f32]; 2], count: usize) -> [&'a mut [[f32; LANES]]; 2] {
+    [blocks_mut(even, PAD, count), blocks_mut(odd, PAD, count)]
 }

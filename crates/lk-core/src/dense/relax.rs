@@ -267,24 +267,29 @@ impl LaneKernel for HalfSweep<'_> {
     fn run<S: Simd>(self, s: S) {
         let Split { half, count } = self.split;
         let odd = self.first;
-        let (at, other) = (odd * half + PAD, (1 - odd) * half + PAD + odd);
+        let at = odd * half + PAD;
         let joints = Joints::new(&self.split, odd, &self.system[..2 * half], self.smooth);
-        let quantity = |index: usize| blocks(&self.system[index * 2 * half..], at, count);
-        let [xx, xy, yy, bu, bv] = [1, 2, 3, 4, 5].map(quantity);
-        let near = |axis: usize| {
-            self.near
-                .map(|row| blocks(&row[axis * 2 * half..], at, count))
-        };
-        let ([above_u, below_u], [above_v, below_v]) = (near(0), near(1));
-        let (u, v) = self.flow.split_at_mut(2 * half);
-        let [(u, beside_u), (v, beside_v)] = [u, v].map(|row| {
-            let (even, odds) = row.split_at_mut(half);
-            if odd == 0 { (even, &*odds) } else { (odds, &*even) }
-        });
+        let row = 2 * half;
+        let system = self.system;
+        let (xx, xy, yy) = (
+            blocks(system, row + at, count),
+            blocks(system, 2 * row + at, count),
+            blocks(system, 3 * row + at, count),
+        );
+        let (bu, bv) = (
+            blocks(system, 4 * row + at, count),
+            blocks(system, 5 * row + at, count),
+        );
+        let [above, below] = self.near;
+        let (above_u, above_v) = (blocks(above, at, count), blocks(above, row + at, count));
+        let (below_u, below_v) = (blocks(below, at, count), blocks(below, row + at, count));
+        let (u, v) = self.flow.split_at_mut(row);
+        let (u, beside_u) = one_half(u, half, odd);
+        let (v, beside_v) = one_half(v, half, odd);
         let (u, v) = (blocks_mut(u, PAD, count), blocks_mut(v, PAD, count));
-        let sides = |row| [blocks(row, PAD + odd - 1, count), blocks(row, PAD + odd, count)];
-        let ([left_u, right_u], [left_v, right_v]) = (sides(beside_u), sides(beside_v));
-        let _ = other;
+        let (left, right) = (PAD + odd - 1, PAD + odd);
+        let (left_u, right_u) = (blocks(beside_u, left, count), blocks(beside_u, right, count));
+        let (left_v, right_v) = (blocks(beside_v, left, count), blocks(beside_v, right, count));
         let relaxation = s.splat(self.relaxation);
         for i in 0..count {
             let [left, right, above, below] = joints.get(s, i);
@@ -299,6 +304,17 @@ impl LaneKernel for HalfSweep<'_> {
             (now_u + relaxation * ((xx * bu + xy * bv) - now_u)).put(&mut u[i]);
             (now_v + relaxation * ((xy * bu + yy * bv) - now_v)).put(&mut v[i]);
         }
+    }
+}
+
+/// The half to write and the other one.
+#[inline(always)]
+fn one_half(row: &mut [f32], half: usize, odd: usize) -> (&mut [f32], &[f32]) {
+    let (even, odds) = row.split_at_mut(half);
+    if odd == 0 {
+        (even, odds)
+    } else {
+        (odds, even)
     }
 }
 

@@ -5,7 +5,7 @@
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::for_each_band;
-use crate::simd::{Floats, LANES, LaneKernel, Simd, dispatch_lanes};
+use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
 
@@ -37,7 +37,7 @@ pub(super) fn select(
                 ];
                 let (to_u, to_v) = (to_u.row_mut(local), to_v.row_mut(local));
                 let kernel = SelectRow {
-                    width,
+                    count: grid::groups(width),
                     u: near.map(|y| from.0.padded(y)),
                     v: near.map(|y| from.1.padded(y)),
                     energy: near.map(|y| energy.padded(y)),
@@ -54,7 +54,7 @@ pub(super) fn select(
 }
 
 struct SelectRow<'a> {
-    width: usize,
+    count: usize,
     u: [&'a [f32]; 3],
     v: [&'a [f32]; 3],
     energy: [&'a [f32]; 3],
@@ -63,30 +63,52 @@ struct SelectRow<'a> {
     to: [&'a mut [f32]; 2],
 }
 
+/// The pixel's group of lanes, then those of its neighbours, in the order in which ties are settled.
+type Around<'a> = [&'a [[f32; LANES]]; 9];
+
+impl SelectRow<'_> {
+    #[inline(always)]
+    fn around<'b>(&self, [above, here, below]: [&'b [f32]; 3]) -> Around<'b> {
+        let (count, distance) = (self.count, self.distance);
+        [
+            blocks(here, PAD, count),
+            blocks(above, PAD - distance, count),
+            blocks(above, PAD, count),
+            blocks(above, PAD + distance, count),
+            blocks(here, PAD - distance, count),
+            blocks(here, PAD + distance, count),
+            blocks(below, PAD - distance, count),
+            blocks(below, PAD, count),
+            blocks(below, PAD + distance, count),
+        ]
+    }
+}
+
 impl LaneKernel for SelectRow<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
+        let count = self.count;
+        let energy = self.around(self.energy);
+        let (u, v) = (self.around(self.u), self.around(self.v));
         let [to_u, to_v] = self.to;
+        let (to_u, to_v) = (blocks_mut(to_u, PAD, count), blocks_mut(to_v, PAD, count));
         let better = s.splat(self.better);
-        for x in (0..self.width).step_by(LANES) {
-            let at = PAD + x;
-            let mut best = s.load(self.energy[1], at) * better;
-            let (mut best_u, mut best_v) = (s.load(self.u[1], at), s.load(self.v[1], at));
-            for row in 0..3 {
-                for column in 0..3 {
-                    if row == 1 && column == 1 {
-                        continue;
-                    }
-                    let from = at + column * self.distance - self.distance;
-                    let other = s.load(self.energy[row], from);
+        for i in 0..count {
+            let mut best = s.get(&energy[0][i]) * better;
+            let (mut best_u, mut best_v) = (s.get(&u[0][i]), s.get(&v[0][i]));
+            macro_rules! neighbour {
+                ($($k:literal)+) => {$(
+                    let other = s.get(&energy[$k][i]);
                     let wins = other.lt(best);
                     best = S::F::select(wins, other, best);
-                    best_u = S::F::select(wins, s.load(self.u[row], from), best_u);
-                    best_v = S::F::select(wins, s.load(self.v[row], from), best_v);
-                }
+                    best_u = S::F::select(wins, s.get(&u[$k][i]), best_u);
+                    best_v = S::F::select(wins, s.get(&v[$k][i]), best_v);
+                )+};
             }
-            best_u.store(to_u, at);
-            best_v.store(to_v, at);
+            neighbour!(1 2 3 4 5 6 7 8);
+            let _ = best;
+            best_u.put(&mut to_u[i]);
+            best_v.put(&mut to_v[i]);
         }
     }
 }

@@ -62,8 +62,10 @@ impl LaneKernel for WarpRow<'_> {
     }
 }
 
-/// The pixels at `row` and `column` and right of them, then those below. Where the flow is even, sixteen pixels beside
-/// each other come from sixteen beside each other, and no lane must look up its own.
+/// The pixels at `row` and `column` and right of them, then those below.
+///
+/// Where the flow is even, the places of sixteen pixels beside each other are beside each other too, or differ from that
+/// by one at most: a few groups of pixels beside each other then hold all, and no lane must look up its own.
 #[inline(always)]
 fn corners<S: Simd>(
     s: S,
@@ -72,27 +74,78 @@ fn corners<S: Simd>(
     (row, column): (S::F, S::F),
     ramp: S::F,
 ) -> [(S::F, S::F); 2] {
-    let (first_row, first_column) = (row.first(), column.first());
-    let (same_row, in_turn) = (s.splat(first_row), s.splat(first_column) + ramp);
-    let rows = <S::F as Floats>::both(row.le(same_row), same_row.le(row));
-    let columns = <S::F as Floats>::both(column.le(in_turn), in_turn.le(column));
-    if S::F::all(<S::F as Floats>::both(rows, columns)) {
-        let at = first_row as usize * width + first_column as usize;
-        let upper = data.get(at..).and_then(|from| pair(s, from));
-        let lower = data.get(at + width..).and_then(|from| pair(s, from));
-        if let (Some(upper), Some(lower)) = (upper, lower) {
-            return [upper, lower];
+    let (zero, one) = (s.splat(0.0), s.splat(1.0));
+    let shift = column - ramp;
+    let (first_row, first_shift) = (row.first(), shift.first());
+    let (down, right) = (row - s.splat(first_row), shift - s.splat(first_shift));
+    let even = <S::F as Floats>::both(
+        <S::F as Floats>::both(zero.le(down), down.le(zero)),
+        <S::F as Floats>::both(zero.le(right), right.le(zero)),
+    );
+    if S::F::all(even) {
+        let at = first_row as usize * width + first_shift as usize;
+        if let (Some([a, b]), Some([c, d])) = (
+            beside::<S, 2>(s, data, at),
+            beside::<S, 2>(s, data, at + width),
+        ) {
+            return [(a, b), (c, d)];
+        }
+    } else if S::F::all(<S::F as Floats>::both(s.splat(-1.0).le(down), down.le(one))) && S::F::all(<S::F as Floats>::both(s.splat(-1.0).le(right), right.le(one))) {
+        // One step up and left where some lane is behind the first one.
+        let up = S::F::any(down.lt(zero));
+        let left = S::F::any(right.lt(zero));
+        let (up, left) = (f32::from(u8::from(up)), f32::from(u8::from(left)));
+        let (down, right) = (down + s.splat(up), right + s.splat(left));
+        let near = S::F::all(<S::F as Floats>::both(down.le(one), right.le(one)));
+        let (first_row, first_shift) = (first_row - up, first_shift - left);
+        if near && first_row >= 0.0 && first_shift >= 0.0 {
+            let at = first_row as usize * width + first_shift as usize;
+            let (lower, further) = (zero.lt(down), zero.lt(right));
+            let upper = beside::<S, 3>(s, data, at);
+            let middle = beside::<S, 3>(s, data, at + width);
+            // The third row is not there below the last pair of rows, where no lane asks for it.
+            let below = beside::<S, 3>(s, data, at + 2 * width);
+            if let (Some([a, b, c]), Some([d, e, f]), Some([g, h, k])) = (upper, middle, below) {
+                let pick = (lower, further);
+                return [
+                    (
+                        choose::<S>(pick, [a, b, d, e]),
+                        choose::<S>(pick, [b, c, e, f]),
+                    ),
+                    (
+                        choose::<S>(pick, [d, e, g, h]),
+                        choose::<S>(pick, [e, f, h, k]),
+                    ),
+                ];
+            }
         }
     }
     [
         s.pairs(data, width, row, column),
-        s.pairs(data, width, row + s.splat(1.0), column),
+        s.pairs(data, width, row + one, column),
     ]
 }
 
-/// The first sixteen elements, and the sixteen that begin with the second.
+/// Of four groups, upper left, upper right, lower left and lower right, what each lane asks for.
 #[inline(always)]
-fn pair<S: Simd>(s: S, from: &[f32]) -> Option<(S::F, S::F)> {
-    let (_, after) = from.split_first()?;
-    Some((s.get(from.first_chunk()?), s.get(after.first_chunk()?)))
+fn choose<S: Simd>(
+    (lower, further): (<S::F as Floats>::Mask, <S::F as Floats>::Mask),
+    [a, b, c, d]: [S::F; 4],
+) -> S::F {
+    S::F::select(
+        lower,
+        S::F::select(further, d, c),
+        S::F::select(further, b, a),
+    )
+}
+
+/// The sixteen elements from `at` on, the sixteen from `at + 1` on, and so on.
+#[inline(always)]
+fn beside<S: Simd, const N: usize>(s: S, data: &[f32], at: usize) -> Option<[S::F; N]> {
+    let from = data.get(at..at + LANES + N - 1)?;
+    let mut groups = [s.splat(0.0); N];
+    for (k, group) in groups.iter_mut().enumerate() {
+        *group = s.get(from[k..].first_chunk()?);
+    }
+    Some(groups)
 }

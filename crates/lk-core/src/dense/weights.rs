@@ -32,33 +32,38 @@ pub(super) fn fill(plane: &mut Plane, finite: &mut Plane) {
     }
 }
 
-/// The weight of every pixel of every level: 0 where any pixel of the 2 x 2 below it is 0.
-pub(super) fn pyramid(
+/// The weight of every pixel of the frame: 0 where it is masked or not finite.
+pub(super) fn given(
     mask: Option<ArrayView2<'_, bool>>,
     finite: Option<&Plane>,
-    frame: &Pyramid,
-    levels: &mut Vec<Plane>,
+    (width, height): (usize, usize),
+    weight: &mut Plane,
 ) {
+    weight.resize(width, height);
+    for y in 0..height {
+        for (x, weight) in weight.row_mut(y).iter_mut().enumerate() {
+            let masked = mask.is_some_and(|mask| !mask[(y, x)]);
+            let finite = finite.is_none_or(|finite| finite.row(y)[x] > 0.0);
+            *weight = if masked || !finite { 0.0 } else { 1.0 };
+        }
+    }
+}
+
+/// The weight of every pixel of every level, from that of the finest: 0 where any pixel of the 2 x 2 below it is 0.
+pub(super) fn pyramid(finest: &Plane, frame: &Pyramid, levels: &mut Vec<Plane>) {
     levels.resize_with(frame.levels().len(), Plane::default);
-    for (level, of_frame) in frame.levels().iter().enumerate() {
+    levels[0].clone_from(finest);
+    for (level, of_frame) in frame.levels().iter().enumerate().skip(1) {
         let (width, height) = (of_frame.width(), of_frame.height());
         let (finer, coarser) = levels.split_at_mut(level);
-        let target = &mut coarser[0];
+        let (finer, target) = (&finer[level - 1], &mut coarser[0]);
         target.resize(width, height);
         for y in 0..height {
+            let below = (2 * y + 1).min(finer.height() - 1);
+            let (a, b) = (finer.row(2 * y), finer.row(below));
             for (x, weight) in target.row_mut(y).iter_mut().enumerate() {
-                *weight = if let Some(finer) = finer.last() {
-                    let (right, below) = (
-                        (2 * x + 1).min(finer.width() - 1),
-                        (2 * y + 1).min(finer.height() - 1),
-                    );
-                    let (a, b) = (finer.row(2 * y), finer.row(below));
-                    a[2 * x].min(a[right]).min(b[2 * x]).min(b[right])
-                } else {
-                    let masked = mask.is_some_and(|mask| !mask[(y, x)]);
-                    let finite = finite.is_none_or(|finite| finite.row(y)[x] > 0.0);
-                    if masked || !finite { 0.0 } else { 1.0 }
-                };
+                let right = (2 * x + 1).min(finer.width() - 1);
+                *weight = a[2 * x].min(a[right]).min(b[2 * x]).min(b[right]);
             }
         }
     }

@@ -73,7 +73,8 @@ pub(super) struct Windows<'a> {
     near: [&'a mut [f32]; 3],
     /// Whether the weights of those rows are all 1.
     whole: [bool; NEAR],
-    ring: &'a mut [f32],
+    /// `RING` rows.
+    ring: &'a mut [Kept],
     counts: [Counts; RING],
     /// Two rows of sums: of each quantity the even pixels, the odd ones, and the sums of a pair.
     sums: &'a mut [f32],
@@ -91,7 +92,7 @@ impl<'a> Windows<'a> {
     /// Elements of memory for pictures of this width.
     pub(super) fn size(width: usize) -> usize {
         let half = Split::of(width).half;
-        3 * NEAR * grid::stride(width) + RING * KEPT * 2 * half + 2 * SUMS * 3 * half + 4 * half
+        RING * KEPT * 2 * half + 3 * NEAR * grid::stride(width) + 2 * SUMS * 3 * half + 4 * half
     }
 
     /// Windows of `2 radius + 1` pixels; with `centred`, their means do not count.
@@ -107,12 +108,13 @@ impl<'a> Windows<'a> {
         let (prev, memory) = memory.split_at_mut(NEAR * stride);
         let (warped, memory) = memory.split_at_mut(NEAR * stride);
         let (weight, memory) = memory.split_at_mut(NEAR * stride);
-        let (ring, memory) = memory.split_at_mut(RING * KEPT * 2 * split.half);
+        let (ring, memory) = memory.split_at_mut(RING * split.count * KEPT * 2 * LANES);
         let (sums, number) = memory.split_at_mut(2 * SUMS * 3 * split.half);
         // The room beside the rows must be zero; the rest is written before it is read.
         for rows in [&mut *weight, &mut *ring, &mut *sums] {
             rows.fill(0.0);
         }
+        let ring = as_kept(ring);
         Self {
             level,
             views,
@@ -211,11 +213,11 @@ impl<'a> Windows<'a> {
     /// Make row `y` of the ring; rows outside of the picture weigh nothing.
     fn differences(&mut self, y: isize) {
         let height = self.views.prev.height();
-        let (stride, row) = (self.stride, 2 * self.split.half);
+        let (stride, count) = (self.stride, self.split.count);
         let slot = y.rem_euclid(RING as isize) as usize;
-        let kept = &mut self.ring[slot * KEPT * row..(slot + 1) * KEPT * row];
+        let kept = &mut self.ring[slot * count..(slot + 1) * count];
         if y < 0 || y >= height as isize {
-            kept.fill(0.0);
+            kept.as_flattened_mut().as_flattened_mut().as_flattened_mut().fill(0.0);
             self.counts[slot] = Counts::Nothing;
             return;
         }
@@ -228,17 +230,13 @@ impl<'a> Windows<'a> {
         let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
         let [prev, warped, weight] = &self.near;
         let near = |y: usize| (y % NEAR) * stride..(y % NEAR + 1) * stride;
-        let (m, kept) = kept.split_at_mut(row);
-        let (gx, kept) = kept.split_at_mut(row);
-        let (gy, d) = kept.split_at_mut(row);
         dispatch_lanes(
             self.level,
             Differences {
-                split: self.split,
                 prev: rows.map(|y| &prev[near(y)]),
                 next: rows.map(|y| &warped[near(y)]),
                 weight: &weight[near(y)],
-                kept: [m, gx, gy, d],
+                kept,
             },
         );
     }
@@ -249,8 +247,8 @@ impl<'a> Windows<'a> {
     }
 
     fn sum<const N: usize>(&mut self, upper: usize) {
-        let (ring, row) = (&*self.ring, 2 * self.split.half);
-        let of_slot = |slot: usize| &ring[slot * KEPT * row..][..KEPT * row];
+        let (ring, count) = (&*self.ring, self.split.count);
+        let of_slot = |slot: usize| &ring[slot * count..][..count];
         let (above, below) = (Self::window::<N>(upper), Self::window::<N>(upper + 1));
         let plain = above
             .iter()
@@ -285,7 +283,7 @@ impl<'a> Windows<'a> {
         // Both rows of a pair have their weights summed if one of them needs it.
         if of(Counts::Some) > 0 {
             self.numbered = None;
-            let sums = &self.sums[((y % 2) * SUMS + SUMS - 1) * 3 * half..][..3 * half];
+            let sums = &self.sums[(y % 2) * SUMS * 3 * half..][..SUMS * 3 * half];
             let kernel = Count::<N> {
                 split: self.split,
                 sums,
@@ -315,40 +313,49 @@ impl<'a> Windows<'a> {
     }
 }
 
+/// Room for rows of the ring.
+fn as_kept(memory: &mut [f32]) -> &mut [Kept] {
+    let (lanes, _) = memory.as_chunks_mut::<LANES>();
+    let (pixels, _) = lanes.as_chunks_mut::<KEPT>();
+    pixels.as_chunks_mut::<2>().0
+}
+
+/// A group of pixels of a row of the ring, the even ones and the odd ones: weight, gradient along x and y, difference.
+type Kept = [[[f32; LANES]; KEPT]; 2];
+
 /// Gradients and difference of a row of pixels.
 struct Differences<'a> {
-    split: Split,
     prev: [&'a [f32]; 3],
     next: [&'a [f32]; 3],
     weight: &'a [f32],
-    kept: [&'a mut [f32]; KEPT],
+    kept: &'a mut [Kept],
 }
 
 impl LaneKernel for Differences<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Split { half, count } = self.split;
+        let count = self.kept.len();
         let (zero, quarter) = (s.splat(0.0), s.splat(0.25));
-        let near = |row, offset: usize| blocks(row, PAD + offset - 1, 2 * count);
+        let near = |row, offset: usize| blocks(row, PAD + offset - 1, 2 * count).as_chunks::<2>().0;
         let [pa, p, pb] = self.prev;
         let [na, n, nb] = self.next;
         let (pl, pr, nl, nr) = (near(p, 0), near(p, 2), near(n, 0), near(n, 2));
+        let (pl, pr, nl, nr) = (&pl[..count], &pr[..count], &nl[..count], &nr[..count]);
         let (pa, p, pb) = (near(pa, 1), near(p, 1), near(pb, 1));
         let (na, n, nb) = (near(na, 1), near(n, 1), near(nb, 1));
-        let weight = near(self.weight, 1);
-        let [m, gx, gy, d] = self.kept.map(|row| {
-            let (even, odd) = row.split_at_mut(half);
-            (blocks_mut(even, PAD, count), blocks_mut(odd, PAD, count))
-        });
+        let (pa, p, pb) = (&pa[..count], &p[..count], &pb[..count]);
+        let (na, n, nb) = (&na[..count], &n[..count], &nb[..count]);
+        let weight = &near(self.weight, 1)[..count];
         for i in 0..count {
             let mut both = [[zero; KEPT]; 2];
             for k in 0..2 {
-                let j = 2 * i + k;
-                let weight = s.get(&weight[j]);
+                let weight = s.get(&weight[i][k]);
                 let on = zero.lt(weight);
-                let along_x = (s.get(&pr[j]) - s.get(&pl[j])) + (s.get(&nr[j]) - s.get(&nl[j]));
-                let along_y = (s.get(&pb[j]) - s.get(&pa[j])) + (s.get(&nb[j]) - s.get(&na[j]));
-                let difference = s.get(&n[j]) - s.get(&p[j]);
+                let along_x =
+                    (s.get(&pr[i][k]) - s.get(&pl[i][k])) + (s.get(&nr[i][k]) - s.get(&nl[i][k]));
+                let along_y =
+                    (s.get(&pb[i][k]) - s.get(&pa[i][k])) + (s.get(&nb[i][k]) - s.get(&na[i][k]));
+                let difference = s.get(&n[i][k]) - s.get(&p[i][k]);
                 both[k] = [
                     weight,
                     S::F::select(on, along_x * quarter, zero),
@@ -357,20 +364,25 @@ impl LaneKernel for Differences<'_> {
                 ];
             }
             let [first, second] = both;
-            let (even, odd) = first[0].deinterleave(second[0]);
-            even.put(&mut m.0[i]);
-            odd.put(&mut m.1[i]);
-            let (even, odd) = first[1].deinterleave(second[1]);
-            even.put(&mut gx.0[i]);
-            odd.put(&mut gx.1[i]);
-            let (even, odd) = first[2].deinterleave(second[2]);
-            even.put(&mut gy.0[i]);
-            odd.put(&mut gy.1[i]);
-            let (even, odd) = first[3].deinterleave(second[3]);
-            even.put(&mut d.0[i]);
-            odd.put(&mut d.1[i]);
+            let [even_row, odd_row] = &mut self.kept[i];
+            for kept in 0..KEPT {
+                let (even, odd) = first[kept].deinterleave(second[kept]);
+                even.put(&mut even_row[kept]);
+                odd.put(&mut odd_row[kept]);
+            }
         }
     }
+}
+
+/// Do the same for each quantity that is summed; an index that is known when this is compiled keeps sums in registers.
+macro_rules! each_sum {
+    ($q:ident => $body:expr) => {
+        each_sum!(@ $q $body; 0 1 2 3 4 5 6 7 8)
+    };
+    (@ $q:ident $body:expr; $($index:literal)+) => {$({
+        const $q: usize = $index;
+        $body
+    })+};
 }
 
 /// Sums down the columns of the windows of two rows of pixels.
@@ -379,58 +391,66 @@ struct SumDown<'a, const N: usize> {
     /// Whether the weights are summed too.
     counted: bool,
     /// The row that only the windows of the upper row of pixels reach.
-    above: &'a [f32],
+    above: &'a [Kept],
     /// The `N - 1` rows that both reach; the last one stands twice.
-    shared: [&'a [f32]; N],
+    shared: [&'a [Kept]; N],
     /// The row that only the windows of the lower row of pixels reach.
-    below: &'a [f32],
+    below: &'a [Kept],
     sums: [&'a mut [f32]; 2],
 }
 
 impl<const N: usize> LaneKernel for SumDown<'_, N> {
     #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
+    fn run<S: Simd>(mut self, s: S) {
+        self.even_or_odd::<S, 0>(s);
+        self.even_or_odd::<S, 1>(s);
+        if self.counted {
+            self.weights::<S, 0>(s);
+            self.weights::<S, 1>(s);
+        }
+    }
+}
+
+impl<const N: usize> SumDown<'_, N> {
+    #[inline(always)]
+    fn even_or_odd<S: Simd, const ODD: usize>(&mut self, s: S) {
         let Split { half, count } = self.split;
-        let [first, second] = self.sums;
-        for odd in 0..2 {
-            let from = odd * half + PAD;
-            let of = |row| -> [&[[f32; LANES]]; 3] {
-                [1, 2, 3].map(|kept| blocks(row, kept * 2 * half + from, count))
-            };
-            let (above, shared, below) = (of(self.above), self.shared.map(of), of(self.below));
-            let mut first = quantities(first, half, count);
-            let mut second = quantities(second, half, count);
-            for i in 0..count {
-                let mut both = products(s, &shared[0], i);
-                for rows in &shared[1..N - 1] {
-                    let more = products(s, rows, i);
-                    for q in 0..SUMS - 1 {
-                        both[q] = both[q] + more[q];
-                    }
-                }
-                let (above, below) = (products(s, &above, i), products(s, &below, i));
-                for q in 0..SUMS - 1 {
-                    put(s, both[q] + above[q], &mut first[q], odd, i);
-                    put(s, both[q] + below[q], &mut second[q], odd, i);
-                }
-            }
+        let (above, below) = (&self.above[..count], &self.below[..count]);
+        let mut shared = self.shared;
+        for row in &mut shared {
+            *row = &row[..count];
         }
-        if !self.counted {
-            return;
-        }
-        for odd in 0..2 {
-            let of = |row| -> &[[f32; LANES]] { blocks(row, odd * half + PAD, count) };
-            let (above, shared, below) = (of(self.above), self.shared.map(of), of(self.below));
-            let first = &mut quantities(first, half, count)[SUMS - 1];
-            let second = &mut quantities(second, half, count)[SUMS - 1];
-            for i in 0..count {
-                let mut both = s.get(&shared[0][i]);
-                for row in &shared[1..N - 1] {
-                    both = both + s.get(&row[i]);
-                }
-                put(s, both + s.get(&above[i]), first, odd, i);
-                put(s, both + s.get(&below[i]), second, odd, i);
+        let [first, second] = &mut self.sums;
+        let (mut first, _) = quantities(first, half, count);
+        let (mut second, _) = quantities(second, half, count);
+        for i in 0..count {
+            let mut both = products(s, &shared[0][i][ODD]);
+            for row in &shared[1..N - 1] {
+                let more = products(s, &row[i][ODD]);
+                each_sum!(Q => both[Q] = both[Q] + more[Q]);
             }
+            let more = products(s, &above[i][ODD]);
+            each_sum!(Q => put::<S, ODD>(s, both[Q] + more[Q], &mut first[Q], i));
+            let more = products(s, &below[i][ODD]);
+            each_sum!(Q => put::<S, ODD>(s, both[Q] + more[Q], &mut second[Q], i));
+        }
+    }
+
+    /// The same for the weights.
+    #[inline(always)]
+    fn weights<S: Simd, const ODD: usize>(&mut self, s: S) {
+        let Split { half, count } = self.split;
+        let [first, second] = &mut self.sums;
+        let (_, mut first) = quantities(first, half, count);
+        let (_, mut second) = quantities(second, half, count);
+        for i in 0..count {
+            let mut both = s.get(&self.shared[0][i][ODD][0]);
+            for row in &self.shared[1..N - 1] {
+                both = both + s.get(&row[i][ODD][0]);
+            }
+            let (above, below) = (s.get(&self.above[i][ODD][0]), s.get(&self.below[i][ODD][0]));
+            put::<S, ODD>(s, both + above, &mut first, i);
+            put::<S, ODD>(s, both + below, &mut second, i);
         }
     }
 }
@@ -438,32 +458,56 @@ impl<const N: usize> LaneKernel for SumDown<'_, N> {
 /// Even pixels, odd ones, and pairs of both of one quantity.
 type Quantity<'a> = [&'a mut [[f32; LANES]]; 3];
 
+/// The quantities of a row of sums, and the weights.
 #[inline(always)]
-fn quantities(row: &mut [f32], half: usize, count: usize) -> [Quantity<'_>; SUMS] {
+fn quantities(
+    row: &mut [f32],
+    half: usize,
+    count: usize,
+) -> ([Quantity<'_>; SUMS - 1], Quantity<'_>) {
     let mut rest = row;
-    std::array::from_fn(|_| {
-        std::array::from_fn(|_| {
-            let (part, after) = std::mem::take(&mut rest).split_at_mut(half);
-            rest = after;
-            blocks_mut(part, PAD, count)
-        })
-    })
+    macro_rules! next {
+        () => {
+            [
+                part(&mut rest, half, count),
+                part(&mut rest, half, count),
+                part(&mut rest, half, count),
+            ]
+        };
+    }
+    let first = [
+        next!(),
+        next!(),
+        next!(),
+        next!(),
+        next!(),
+        next!(),
+        next!(),
+        next!(),
+        next!(),
+    ];
+    (first, next!())
+}
+
+#[inline(always)]
+fn part<'a>(rest: &mut &'a mut [f32], half: usize, count: usize) -> &'a mut [[f32; LANES]] {
+    let (part, after) = std::mem::take(rest).split_at_mut(half);
+    *rest = after;
+    blocks_mut(part, PAD, count)
 }
 
 /// Write a sum; with that of an odd pixel, that of the pair.
 #[inline(always)]
-fn put<S: Simd>(s: S, sum: S::F, to: &mut Quantity<'_>, odd: usize, i: usize) {
-    if odd == 0 {
-        sum.put(&mut to[0][i]);
-    } else {
-        sum.put(&mut to[1][i]);
+fn put<S: Simd, const ODD: usize>(s: S, sum: S::F, to: &mut Quantity<'_>, i: usize) {
+    sum.put(&mut to[ODD][i]);
+    if ODD == 1 {
         (s.get(&to[0][i]) + sum).put(&mut to[2][i]);
     }
 }
 
 #[inline(always)]
-fn products<S: Simd>(s: S, rows: &[&[[f32; LANES]]; 3], i: usize) -> [S::F; SUMS - 1] {
-    let (gx, gy, d) = (s.get(&rows[0][i]), s.get(&rows[1][i]), s.get(&rows[2][i]));
+fn products<S: Simd>(s: S, kept: &[[f32; LANES]; KEPT]) -> [S::F; SUMS - 1] {
+    let (gx, gy, d) = (s.get(&kept[1]), s.get(&kept[2]), s.get(&kept[3]));
     [
         gx,
         gy,
@@ -490,10 +534,15 @@ pub(super) struct Sums<'a> {
 /// What one quantity's sums across are made of: groups of lanes that begin a little to the left or right.
 type Parts<'a> = [&'a [[f32; LANES]]; 5];
 
+/// The parts of the `q`-th quantity.
 #[inline(always)]
-fn parts<const N: usize>(sums: &[f32], Split { half, count }: Split) -> Parts<'_> {
+fn parts<const N: usize>(sums: &[f32], Split { half, count }: Split, q: usize) -> Parts<'_> {
     let at = |part: usize, offset: isize| {
-        blocks(sums, (part * half + PAD).wrapping_add_signed(offset), count)
+        blocks(
+            sums,
+            ((3 * q + part) * half + PAD).wrapping_add_signed(offset),
+            count,
+        )
     };
     let (even, odd, pair) = (0, 1, 2);
     match N {
@@ -543,7 +592,7 @@ impl<const N: usize> LaneKernel for Count<'_, N> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let count = self.split.count;
-        let parts = parts::<N>(self.sums, self.split);
+        let parts = parts::<N>(self.sums, self.split, SUMS - 1);
         let [even, odd] = self.number.map(|row| blocks_mut(row, PAD, count));
         for i in 0..count {
             let [e, o] = across::<S, N>(s, &parts, i);
@@ -570,16 +619,26 @@ impl<'a, S: Simd, const N: usize> Reader<'a, S, N> {
     #[inline(always)]
     pub(super) fn new(s: S, row: &Sums<'a>) -> Self {
         let split = row.split;
-        let halves = |row: &'a [f32]| [0, split.half].map(|at| blocks(row, at + PAD, split.count));
-        let (mut rest, row_sums) = (0, row.sums);
+        let halves = |row: &'a [f32]| {
+            [
+                blocks(row, PAD, split.count),
+                blocks(row, split.half + PAD, split.count),
+            ]
+        };
         Self {
             s,
             centre: s.splat(row.centre),
-            parts: std::array::from_fn(|_| {
-                let sums = &row_sums[rest..rest + 3 * split.half];
-                rest += 3 * split.half;
-                parts::<N>(sums, split)
-            }),
+            parts: [
+                parts::<N>(row.sums, split, 0),
+                parts::<N>(row.sums, split, 1),
+                parts::<N>(row.sums, split, 2),
+                parts::<N>(row.sums, split, 3),
+                parts::<N>(row.sums, split, 4),
+                parts::<N>(row.sums, split, 5),
+                parts::<N>(row.sums, split, 6),
+                parts::<N>(row.sums, split, 7),
+                parts::<N>(row.sums, split, 8),
+            ],
             number: halves(row.number),
             inverse: halves(row.inverse),
         }
