@@ -1,10 +1,14 @@
-//! The last look at every window: how well the flow fits, and whether the pixel counts as measured.
+//! The last look: how well the flow fits, and whether a pixel counts as measured.
+//!
+//! Windows of 7 x 7 pixels change little from a pixel to the next: one in each 2 x 2 is looked at, and speaks for the four.
 
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::parallel::{RowsMut, for_each_band};
-use crate::simd::{Floats, Kernel, LaneKernel, Simd, blocks_mut, dispatch, dispatch_lanes};
+use crate::simd::{
+    Floats, Kernel, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch, dispatch_lanes,
+};
 
 use super::field::FlowField;
 use super::grid::{self, PAD};
@@ -17,7 +21,7 @@ const RADIUS: usize = 3;
 /// The smaller eigenvalue of the structure tensor (mean over the window, squared grey levels) below which motion along
 /// one direction is noise. Noise of one grey level alone gives 1/8: four differences of weight 1/4, in one direction,
 /// twice the variance.
-const TEXTURE: f32 = 1.0;
+const TEXTURE: f32 = 0.25;
 
 /// Mean squared differences above this share of the texture are not explained by an error of the flow of a pixel or so.
 const MISFIT: f32 = 1.0;
@@ -25,20 +29,27 @@ const MISFIT: f32 = 1.0;
 /// Mean squared differences that noise explains, in squared grey levels.
 const NOISE: f32 = 16.0;
 
-/// Fill `field` with the flow of `input` and what its windows say. `given` is 0 at pixels of `prev` that were not to be
-/// measured, `finite` where `next` is not finite; `unit` is
-/// what one grey level of the planes is in those of the caller.
+/// A window whose mean squared difference is above this many times its texture holds noise and nothing else: noise alone
+/// gives 16 times.
+const DROWNED: f32 = 8.0;
+
+/// Where the flow differs by this much within the window, in pixels, it holds the edge of something that moves: part of
+/// it may be uncovered, and none of it is told from the other side for sure.
+const EDGE: f32 = 1.0;
+
+/// Fill `field` with the flow of `views` and what its windows say. `given` is 0 at pixels of `prev` that were not to be
+/// measured, `finite` where `next` is not finite; `unit` is what one grey level of the planes is in those of the caller.
 pub(super) fn assess(
-    input: Views<'_>,
+    views: Views<'_>,
     (given, finite): (Option<&Plane>, Option<&Plane>),
     centred: bool,
     unit: f32,
     field: &mut FlowField,
     execution: &Execution,
 ) -> Result<()> {
-    let (width, height) = (input.prev.width(), input.prev.height());
+    let (width, height) = (views.prev.width(), views.prev.height());
     let level = execution.simd_level();
-    let size = Windows::size(width);
+    let (size, stride) = (Windows::size(width), grid::stride(width));
     let outputs = (
         RowsMut::new(&mut field.uv, 2 * width),
         RowsMut::new(&mut field.valid, width),
@@ -50,33 +61,48 @@ pub(super) fn assess(
         (16_384 / width).max(8),
         outputs,
         |rows, (mut uv, mut valid, mut residual)| {
-            with_scratch(size + 3 * grid::stride(width), |memory| {
-                let (memory, fit) = memory.split_at_mut(size);
-                let (count, fit) = fit.split_at_mut(grid::stride(width));
-                let (texture, energy) = fit.split_at_mut(grid::stride(width));
-                let mut windows = Windows::new(level, input, RADIUS, centred, memory);
+            with_scratch(size + 3 * stride, |memory| {
+                let (memory, rest) = memory.split_at_mut(size);
+                let (fit, rest) = rest.split_at_mut(stride);
+                let (misfit, row_of_flags) = rest.split_at_mut(stride);
+                let mut windows = Windows::new(level, views, RADIUS, centred, memory);
                 windows.start(rows.start);
                 for (local, y) in rows.enumerate() {
-                    let kernel = Fit {
-                        sums: windows.row(y),
-                        to: [&mut *count, &mut *texture, &mut *energy],
+                    if local == 0 || y % 2 == 0 {
+                        let upper = y - y % 2;
+                        let near = [
+                            upper.saturating_sub(RADIUS),
+                            upper,
+                            (upper + RADIUS).min(height - 1),
+                        ];
+                        let kernel = Fit {
+                            sums: windows.upper_row(upper),
+                            flow: [views.u, views.v].map(|grid| near.map(|y| grid.padded(y))),
+                            unit,
+                            fit: &mut *fit,
+                            misfit: &mut *misfit,
+                        };
+                        dispatch_lanes(level, kernel);
+                    }
+                    let kernel = Inside {
+                        y: y as f32,
+                        size: [(width - 1) as f32, (height - 1) as f32],
+                        flow: [views.u.padded(y), views.v.padded(y)],
+                        fit,
+                        flags: &mut *row_of_flags,
                     };
                     dispatch_lanes(level, kernel);
-                    let (u, v) = (input.u.row(y), input.v.row(y));
-                    let uv = uv.row_mut(local);
+                    let (uv, _) = uv.row_mut(local).as_chunks_mut::<2>();
                     let (valid, residual) = (valid.row_mut(local), residual.row_mut(local));
-                    let kernel = Judge {
-                        y: y as f32,
-                        unit,
-                        size: [(width - 1) as f32, (height - 1) as f32],
+                    residual.copy_from_slice(&misfit[PAD..PAD + width]);
+                    let (u, v) = (views.u.row(y), views.v.row(y));
+                    let kernel = Write {
                         flow: [u, v],
-                        fit: [&*count, &*texture, &*energy].map(|row| &row[PAD..PAD + width]),
+                        flags: &row_of_flags[PAD..PAD + width],
                         uv: &mut *uv,
                         valid: &mut *valid,
-                        residual: &mut *residual,
                     };
                     dispatch(level, kernel);
-                    let (uv, _) = uv.as_chunks_mut::<2>();
                     if let Some(weight) = given {
                         for (x, weight) in weight.row(y).iter().enumerate() {
                             if *weight == 0.0 {
@@ -98,10 +124,16 @@ pub(super) fn assess(
     )
 }
 
-/// How many pixels count in each window, the smaller eigenvalue of its structure tensor, and its mean squared difference.
+/// Whether the windows of the even pixels of a row say that the flow was measured, and how large their residual is.
 struct Fit<'a> {
     sums: Sums<'a>,
-    to: [&'a mut [f32]; 3],
+    /// u and v, `RADIUS` rows above, at the row, and as many below.
+    flow: [[&'a [f32]; 3]; 2],
+    unit: f32,
+    /// At least 0 where all is well; for an even pixel and the odd one after it.
+    fit: &'a mut [f32],
+    /// In grey levels of the caller.
+    misfit: &'a mut [f32],
 }
 
 impl LaneKernel for Fit<'_> {
@@ -109,71 +141,123 @@ impl LaneKernel for Fit<'_> {
     fn run<S: Simd>(self, s: S) {
         let count = self.sums.split.count;
         let reader = Reader::<S, { 2 * RADIUS + 1 }>::new(s, &self.sums);
-        let [number, texture, energy] = self.to.map(|row| blocks_mut(row, PAD, 2 * count));
-        let (zero, half) = (s.splat(0.0), s.splat(0.5));
+        let fit = blocks_mut(self.fit, PAD, 2 * count);
+        let misfit = blocks_mut(self.misfit, PAD, 2 * count);
+        let [[ua, u, ub], [va, v, vb]] = self.flow;
+        let near_u = Near::new([ua, u, ub], 2 * count);
+        let near_v = Near::new([va, v, vb], 2 * count);
+        let (zero, half, unit) = (s.splat(0.0), s.splat(0.5), s.splat(self.unit));
+        let enough = s.splat(0.5 * ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32);
+        let (least, noise, share) = (s.splat(TEXTURE), s.splat(NOISE), s.splat(MISFIT));
+        let (drowned, edge) = (s.splat(DROWNED), s.splat(EDGE));
         for i in 0..count {
-            let mut results = [[zero; 3]; 2];
-            for (result, moments) in results.iter_mut().zip(reader.moments(i)) {
-                let [n, xx, xy, yy, _, _, dd] = moments;
-                let difference = (xx - yy) * half;
-                let root = (difference * difference + xy * xy).sqrt();
-                *result = [n, ((xx + yy) * half - root).max(zero), dd.max(zero)];
-            }
-            let [even, odd] = results;
-            let (first, second) = even[0].interleave(odd[0]);
-            first.put(&mut number[2 * i]);
-            second.put(&mut number[2 * i + 1]);
-            let (first, second) = even[1].interleave(odd[1]);
-            first.put(&mut texture[2 * i]);
-            second.put(&mut texture[2 * i + 1]);
-            let (first, second) = even[2].interleave(odd[2]);
-            first.put(&mut energy[2 * i]);
-            second.put(&mut energy[2 * i + 1]);
+            let [[n, xx, xy, yy, _, _, dd], _] = reader.moments(i);
+            let difference = (xx - yy) * half;
+            let root = (difference * difference + xy * xy).sqrt();
+            let texture = ((xx + yy) * half - root).max(zero);
+            let energy = dd.max(zero);
+            let first = near_u.range(s, 2 * i) + near_v.range(s, 2 * i);
+            let second = near_u.range(s, 2 * i + 1) + near_v.range(s, 2 * i + 1);
+            let (range, _) = first.deinterleave(second);
+            // Each term is negative where something is amiss.
+            let fits = (noise + share * texture).min(drowned * texture) - energy;
+            let good = ((n - enough).min(texture - least)).min(fits.min(edge - range));
+            let (first, second) = good.interleave(good);
+            first.put(&mut fit[2 * i]);
+            second.put(&mut fit[2 * i + 1]);
+            let residual = energy.sqrt() * unit;
+            let (first, second) = residual.interleave(residual);
+            first.put(&mut misfit[2 * i]);
+            second.put(&mut misfit[2 * i + 1]);
         }
     }
 }
 
-/// One row of the result, where nothing is masked and all is finite.
-struct Judge<'a> {
+/// Nine values around each pixel, `RADIUS` apart.
+struct Near<'a>([&'a [[f32; LANES]]; 9]);
+
+impl<'a> Near<'a> {
+    #[inline(always)]
+    fn new([above, here, below]: [&'a [f32]; 3], count: usize) -> Self {
+        let (left, right) = (PAD - RADIUS, PAD + RADIUS);
+        Self([
+            blocks(above, left, count),
+            blocks(above, PAD, count),
+            blocks(above, right, count),
+            blocks(here, left, count),
+            blocks(here, PAD, count),
+            blocks(here, right, count),
+            blocks(below, left, count),
+            blocks(below, PAD, count),
+            blocks(below, right, count),
+        ])
+    }
+
+    /// The difference of the largest and the least.
+    #[inline(always)]
+    fn range<S: Simd>(&self, s: S, i: usize) -> S::F {
+        let first = s.get(&self.0[0][i]);
+        let (mut least, mut largest) = (first, first);
+        macro_rules! each {
+            ($($k:literal)+) => {$(
+                let value = s.get(&self.0[$k][i]);
+                least = value.min(least);
+                largest = value.max(largest);
+            )+};
+        }
+        each!(1 2 3 4 5 6 7 8);
+        largest - least
+    }
+}
+
+/// What is left of `fit` at pixels that stay inside of the picture.
+struct Inside<'a> {
     y: f32,
-    unit: f32,
     /// The last column and row.
     size: [f32; 2],
     flow: [&'a [f32]; 2],
-    /// How many pixels count, texture and energy.
-    fit: [&'a [f32]; 3],
-    uv: &'a mut [f32],
-    valid: &'a mut [bool],
-    residual: &'a mut [f32],
+    fit: &'a [f32],
+    flags: &'a mut [f32],
 }
 
-impl Kernel for Judge<'_> {
+impl LaneKernel for Inside<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let count = grid::groups(self.size[0] as usize + 1);
+        let [u, v] = self.flow;
+        let (u, v) = (blocks(u, PAD, count), blocks(v, PAD, count));
+        let fit = blocks(self.fit, PAD, count);
+        let flags = blocks_mut(self.flags, PAD, count);
+        let (y, right, bottom) = (s.splat(self.y), s.splat(self.size[0]), s.splat(self.size[1]));
+        let ramp = s.ramp();
+        for i in 0..count {
+            let at_x = s.splat((i * LANES) as f32) + ramp + s.get(&u[i]);
+            let at_y = y + s.get(&v[i]);
+            let within = (at_x.min(right - at_x)).min(at_y.min(bottom - at_y));
+            within.min(s.get(&fit[i])).put(&mut flags[i]);
+        }
+    }
+}
+
+/// One row of the result.
+struct Write<'a> {
+    flow: [&'a [f32]; 2],
+    flags: &'a [f32],
+    uv: &'a mut [[f32; 2]],
+    valid: &'a mut [bool],
+}
+
+impl Kernel for Write<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let width = self.valid.len();
-        let ([u, v], [count, texture, energy]) = (
-            self.flow.map(|row| &row[..width]),
-            self.fit.map(|row| &row[..width]),
-        );
-        let (pairs, _) = self.uv.as_chunks_mut::<2>();
-        for ((pair, u), v) in pairs.iter_mut().zip(u).zip(v) {
-            *pair = [*u, *v];
+        let [u, v] = self.flow;
+        for ((uv, u), v) in self.uv.iter_mut().zip(u).zip(v) {
+            *uv = [*u, *v];
         }
-        for (residual, energy) in self.residual.iter_mut().zip(energy) {
-            *residual = energy.sqrt() * self.unit;
-        }
-        let [right, bottom] = self.size;
-        let (y, valid) = (self.y, &mut self.valid[..width]);
-        for x in 0..width {
-            let (at_x, at_y) = (x as i32 as f32 + u[x], y + v[x]);
-            // Each term is negative where something is amiss: one sign to look at, which lanes can do.
-            let within = (at_x.min(right - at_x)).min(at_y.min(bottom - at_y));
-            let enough = 2.0 * count[x] - ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32;
-            let textured = texture[x] - TEXTURE;
-            let fits = NOISE + MISFIT * texture[x] - energy[x];
-            valid[x] = within.min(enough).min(textured.min(fits)) >= 0.0;
+        for (valid, flag) in self.valid.iter_mut().zip(self.flags) {
+            *valid = *flag >= 0.0;
         }
     }
 }

@@ -144,6 +144,15 @@ impl<'a> Windows<'a> {
 
     /// The sums of row `y`; rows must follow each other from the one given to `start`.
     pub(super) fn row(&mut self, y: usize) -> Sums<'_> {
+        self.either_row::<true>(y)
+    }
+
+    /// The same for every second row, the even ones.
+    pub(super) fn upper_row(&mut self, y: usize) -> Sums<'_> {
+        self.either_row::<false>(y)
+    }
+
+    fn either_row<const BOTH: bool>(&mut self, y: usize) -> Sums<'_> {
         let upper = y - y % 2;
         if self.summed != Some(upper) {
             while self.upcoming <= (upper + 1 + self.radius) as isize {
@@ -152,9 +161,9 @@ impl<'a> Windows<'a> {
                 self.upcoming += 1;
             }
             match self.radius {
-                1 => self.sum::<3>(upper),
-                2 => self.sum::<5>(upper),
-                _ => self.sum::<7>(upper),
+                1 => self.sum::<3, BOTH>(upper),
+                2 => self.sum::<5, BOTH>(upper),
+                _ => self.sum::<7, BOTH>(upper),
             }
             self.summed = Some(upper);
         }
@@ -246,7 +255,7 @@ impl<'a> Windows<'a> {
         std::array::from_fn(|k| (y + RING + k - N / 2) % RING)
     }
 
-    fn sum<const N: usize>(&mut self, upper: usize) {
+    fn sum<const N: usize, const BOTH: bool>(&mut self, upper: usize) {
         let (ring, count) = (&*self.ring, self.split.count);
         let of_slot = |slot: usize| &ring[slot * count..][..count];
         let (above, below) = (Self::window::<N>(upper), Self::window::<N>(upper + 1));
@@ -257,7 +266,7 @@ impl<'a> Windows<'a> {
         let (first, second) = self.sums.split_at_mut(SUMS * 3 * self.split.half);
         dispatch_lanes(
             self.level,
-            SumDown::<N> {
+            SumDown::<N, BOTH> {
                 split: self.split,
                 counted: !plain,
                 above: of_slot(above[0]),
@@ -385,8 +394,8 @@ macro_rules! each_sum {
     })+};
 }
 
-/// Sums down the columns of the windows of two rows of pixels.
-struct SumDown<'a, const N: usize> {
+/// Sums down the columns of the windows of two rows of pixels, or of the upper one alone.
+struct SumDown<'a, const N: usize, const BOTH: bool> {
     split: Split,
     /// Whether the weights are summed too.
     counted: bool,
@@ -399,7 +408,7 @@ struct SumDown<'a, const N: usize> {
     sums: [&'a mut [f32]; 2],
 }
 
-impl<const N: usize> LaneKernel for SumDown<'_, N> {
+impl<const N: usize, const BOTH: bool> LaneKernel for SumDown<'_, N, BOTH> {
     #[inline(always)]
     fn run<S: Simd>(mut self, s: S) {
         self.even_or_odd::<S, 0>(s);
@@ -411,7 +420,7 @@ impl<const N: usize> LaneKernel for SumDown<'_, N> {
     }
 }
 
-impl<const N: usize> SumDown<'_, N> {
+impl<const N: usize, const BOTH: bool> SumDown<'_, N, BOTH> {
     #[inline(always)]
     fn even_or_odd<S: Simd, const ODD: usize>(&mut self, s: S) {
         let Split { half, count } = self.split;
@@ -431,8 +440,10 @@ impl<const N: usize> SumDown<'_, N> {
             }
             let more = products(s, &above[i][ODD]);
             each_sum!(Q => put::<S, ODD>(s, both[Q] + more[Q], &mut first[Q], i));
-            let more = products(s, &below[i][ODD]);
-            each_sum!(Q => put::<S, ODD>(s, both[Q] + more[Q], &mut second[Q], i));
+            if BOTH {
+                let more = products(s, &below[i][ODD]);
+                each_sum!(Q => put::<S, ODD>(s, both[Q] + more[Q], &mut second[Q], i));
+            }
         }
     }
 
