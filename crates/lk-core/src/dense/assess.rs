@@ -228,7 +228,11 @@ impl LaneKernel for Inside<'_> {
         let (u, v) = (blocks(u, PAD, count), blocks(v, PAD, count));
         let fit = blocks(self.fit, PAD, count);
         let flags = blocks_mut(self.flags, PAD, count);
-        let (y, right, bottom) = (s.splat(self.y), s.splat(self.size[0]), s.splat(self.size[1]));
+        let (y, right, bottom) = (
+            s.splat(self.y),
+            s.splat(self.size[0]),
+            s.splat(self.size[1]),
+        );
         let ramp = s.ramp();
         for i in 0..count {
             let at_x = s.splat((i * LANES) as f32) + ramp + s.get(&u[i]);

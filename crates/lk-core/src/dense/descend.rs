@@ -159,7 +159,9 @@ impl Descent<'_> {
                 {
                     plane.clone_from(kept);
                 }
-                if std::env::var("GM").is_ok() { eprintln!("radii {radii:?} misfit {misfit:.3} least {least:.3}"); }
+                if std::env::var("GM").is_ok() {
+                    eprintln!("radii {radii:?} misfit {misfit:.3} least {least:.3}");
+                }
                 if misfit < least {
                     least = misfit;
                     lit = Some(first);
@@ -263,8 +265,13 @@ impl Descent<'_> {
     fn gain_matters(&mut self, level: usize) -> bool {
         let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
         let weight = self.weighted.then(|| &self.memory.weights[level]);
-        let [trend, beyond] = self.memory.light.change(prev, next, weight, LIGHT_RADII[0].1);
-        if std::env::var("GM").is_ok() { eprintln!("share {trend:.3}/{beyond:.3}"); }
+        let [trend, beyond] = self
+            .memory
+            .light
+            .change(prev, next, weight, LIGHT_RADII[0].1);
+        if std::env::var("GM").is_ok() {
+            eprintln!("share {trend:.3}/{beyond:.3}");
+        }
         trend > SUSPICIOUS || beyond > 2.0 * SUSPICIOUS
     }
 
@@ -298,7 +305,7 @@ impl Descent<'_> {
     fn level(&mut self, level: usize) -> Result<()> {
         let execution = &self.options.execution;
         let recipe = &self.options.recipe;
-        let of_level = recipe.levels[level.min(2)];
+        let of_level = recipe.levels[level.min(recipe.levels.len() - 1)];
         let centred = self.options.illumination != Illumination::None;
         let options = StepOptions {
             radius: of_level.radius,
@@ -315,39 +322,39 @@ impl Descent<'_> {
         } = &mut *self.memory;
         let weight = self.weighted.then(|| &weights[level]);
         let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
-        for _ in 0..of_level.steps {
-            execution.check()?;
-            let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
-            let input = Views {
-                prev,
-                next,
-                u,
-                v,
-                weight,
-            };
-            step::step(
-                input,
-                &options,
-                (&mut *to_u, &mut *to_v, &mut *energy),
-                execution,
-            )?;
-            if of_level.distance > 0 {
-                let (distance, better) = (of_level.distance, recipe.better);
-                let to = (&mut *u, &mut *v);
-                select::select((to_u, to_v), energy, distance, better, to, execution)?;
-            } else {
-                std::mem::swap(u, to_u);
-                std::mem::swap(v, to_v);
+        for _ in 0..of_level.cycles {
+            for _ in 0..of_level.steps {
+                execution.check()?;
+                let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
+                let input = Views {
+                    prev,
+                    next,
+                    u,
+                    v,
+                    weight,
+                };
+                step::step(
+                    input,
+                    &options,
+                    (&mut *to_u, &mut *to_v, &mut *energy),
+                    execution,
+                )?;
+                if of_level.distance > 0 {
+                    let (distance, better) = (of_level.distance, recipe.better);
+                    let to = (&mut *u, &mut *v);
+                    select::select((to_u, to_v), energy, distance, better, to, execution)?;
+                } else {
+                    std::mem::swap(u, to_u);
+                    std::mem::swap(v, to_v);
+                }
+                if of_level.median > 0 {
+                    let to = [&mut *to_u, &mut *to_v];
+                    median::median([&*u, &*v], of_level.median, to, execution)?;
+                    std::mem::swap(u, to_u);
+                    std::mem::swap(v, to_v);
+                }
             }
-            if of_level.median > 0 {
-                let to = [&mut *to_u, &mut *to_v];
-                median::median([&*u, &*v], of_level.median, to, execution)?;
-                std::mem::swap(u, to_u);
-                std::mem::swap(v, to_v);
-            }
-        }
-        if of_level.refine {
-            for _ in 0..recipe.refine.rounds {
+            for _ in 0..of_level.rounds {
                 execution.check()?;
                 let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
                 let views = Views {

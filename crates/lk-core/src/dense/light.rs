@@ -9,8 +9,8 @@ use crate::frame::Plane;
 use crate::simd::{Level, dispatch_lanes};
 
 use super::grid::{self, PAD};
-use super::windows::Views;
 use super::warp::WarpRow;
+use super::windows::Views;
 
 /// Gains outside of this range are no change of light.
 const GAIN: std::ops::RangeInclusive<f64> = 0.2..=5.0;
@@ -32,13 +32,7 @@ pub(super) struct Light {
 impl Light {
     /// Find gain and offset for the flow of `input`: a trend over the whole picture from windows of `2 small + 1`, and
     /// what windows of `2 large + 1` say beyond it.
-    pub(super) fn estimate(
-        &mut self,
-        input: Views<'_>,
-        small: usize,
-        large: usize,
-        level: Level,
-    ) {
+    pub(super) fn estimate(&mut self, input: Views<'_>, small: usize, large: usize, level: Level) {
         let (width, height) = (input.prev.width(), input.prev.height());
         self.begin(width, height);
         self.accumulate(input, level);
@@ -79,15 +73,34 @@ impl Light {
 
     /// How far the light of `next` is from that of `prev`, without regard to motion: the largest logarithm of the gain
     /// of a trend over the picture, and the root mean square of what windows of `2 radius + 1` pixels say beyond it.
-    pub(super) fn change(&mut self, prev: &Plane, next: &Plane, weight: Option<&Plane>, radius: usize) -> [f64; 2] {
+    pub(super) fn change(
+        &mut self,
+        prev: &Plane,
+        next: &Plane,
+        weight: Option<&Plane>,
+        radius: usize,
+    ) -> [f64; 2] {
         let (width, height) = (prev.width(), prev.height());
         self.begin(width, height);
-        self.integrate(prev, weight, |y, _, warped| warped[PAD..PAD + width].copy_from_slice(next.row(y)));
+        self.integrate(prev, weight, |y, _, difference| {
+            let pixels = next.row(y).iter().zip(prev.row(y));
+            for (to, (next, prev)) in difference[PAD..].iter_mut().zip(pixels) {
+                *to = next - prev;
+            }
+        });
         let whole = self.moments(width, (0, 0), (width, height));
         let step = radius.div_ceil(2);
         let trend = self.gain_trend(radius, step, whole).solve();
-        let corners = [(0, 0), (width - 1, 0), (0, height - 1), (width - 1, height - 1)];
-        let most = corners.map(|(x, y)| trend(x, y).abs()).into_iter().fold(0.0, f64::max);
+        let corners = [
+            (0, 0),
+            (width - 1, 0),
+            (0, height - 1),
+            (width - 1, height - 1),
+        ];
+        let most = corners
+            .map(|(x, y)| trend(x, y).abs())
+            .into_iter()
+            .fold(0.0, f64::max);
         let (mut sum, mut all) = (0.0, 0.0);
         for y in (0..height).step_by(step) {
             for x in (0..width).step_by(step) {
@@ -130,16 +143,19 @@ impl Light {
 
     fn accumulate(&mut self, input: Views<'_>, level: Level) {
         let mut full = false;
-        self.integrate(input.prev, input.weight, |y, inside, warped| {
+        let mut sum = vec![0.0; grid::stride(input.prev.width())];
+        self.integrate(input.prev, input.weight, |y, inside, difference| {
             let (u, v) = (input.u.padded(y), input.v.padded(y));
             dispatch_lanes(
                 level,
                 WarpRow {
+                    prev: input.prev.row(y),
                     next: input.next,
                     y,
                     u,
                     v,
-                    warped,
+                    sum: &mut sum,
+                    difference,
                     inside,
                     full: &mut full,
                 },
@@ -147,7 +163,8 @@ impl Light {
         });
     }
 
-    /// Integral images of `prev`, in the light so far, and of rows that `second` writes, with their weights.
+    /// Integral images of `prev`, in the light so far, and of what differs from it (as it came) by rows that `second` writes
+    /// after their weights.
     fn integrate(
         &mut self,
         prev: &Plane,
@@ -161,8 +178,8 @@ impl Light {
         self.rows.clear();
         self.rows.resize(2 * stride, 1.0);
         for y in 0..height {
-            let (warped, inside) = self.rows.split_at_mut(stride);
-            second(y, inside, warped);
+            let (difference, inside) = self.rows.split_at_mut(stride);
+            second(y, inside, difference);
             let mut sum = [0.0; 6];
             for x in 0..width {
                 let mut share = f64::from(inside[PAD + x]);
@@ -171,7 +188,8 @@ impl Light {
                 }
                 if share > 0.0 {
                     let p = self.gain.row(y)[x] * prev.row(y)[x] + self.offset.row(y)[x];
-                    let (p, w) = (f64::from(p), f64::from(warped[PAD + x]));
+                    let w = prev.row(y)[x] + difference[PAD + x];
+                    let (p, w) = (f64::from(p), f64::from(w));
                     for (sum, value) in sum.iter_mut().zip([1.0, p, p * p, w, w * w, p * w]) {
                         *sum += share * value;
                     }

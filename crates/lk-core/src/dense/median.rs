@@ -28,11 +28,7 @@ pub(super) fn median(
         (to_u.rows_mut(), to_v.rows_mut()),
         |rows, (mut to_u, mut to_v)| {
             for (local, y) in rows.enumerate() {
-                let near = [
-                    y.saturating_sub(spacing),
-                    y,
-                    (y + spacing).min(height - 1),
-                ];
+                let near = [y.saturating_sub(spacing), y, (y + spacing).min(height - 1)];
                 for (from, to) in from.iter().zip([&mut to_u, &mut to_v]) {
                     let to = to.row_mut(local);
                     let kernel = MedianRow {
@@ -72,9 +68,21 @@ impl LaneKernel for MedianRow<'_> {
         let count = self.count;
         let [above, here, below] = self.rows;
         let (left, right) = (PAD - self.spacing, PAD + self.spacing);
-        let (a, d, g) = (blocks(above, left, count), blocks(here, left, count), blocks(below, left, count));
-        let (b, e, h) = (blocks(above, PAD, count), blocks(here, PAD, count), blocks(below, PAD, count));
-        let (c, f, k) = (blocks(above, right, count), blocks(here, right, count), blocks(below, right, count));
+        let (a, d, g) = (
+            blocks(above, left, count),
+            blocks(here, left, count),
+            blocks(below, left, count),
+        );
+        let (b, e, h) = (
+            blocks(above, PAD, count),
+            blocks(here, PAD, count),
+            blocks(below, PAD, count),
+        );
+        let (c, f, k) = (
+            blocks(above, right, count),
+            blocks(here, right, count),
+            blocks(below, right, count),
+        );
         let to = blocks_mut(self.to, PAD, count);
         for i in 0..count {
             let mut p = [

@@ -60,7 +60,9 @@ impl std::str::FromStr for Preset {
 /// What is done on a level.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LevelRecipe {
-    /// Lucas-Kanade steps.
+    /// Times that the steps and then the refinement are run.
+    pub cycles: usize,
+    /// Lucas-Kanade steps of a cycle.
     pub steps: usize,
     /// Half the window of the least squares, 1 to 3.
     pub radius: usize,
@@ -68,15 +70,15 @@ pub struct LevelRecipe {
     pub distance: usize,
     /// How far apart the nine pixels are whose median is taken after each step, 1 to 16; 0: none.
     pub median: usize,
-    /// Whether the level ends with a variational refinement.
-    pub refine: bool,
+    /// Rounds of variational refinement that end a cycle.
+    pub rounds: usize,
 }
 
 /// The constants behind a preset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Recipe {
-    /// The finest level, the one of half its size, and all coarser ones.
-    pub levels: [LevelRecipe; 3],
+    /// The finest level, those of a half and of a quarter of its size, and all coarser ones.
+    pub levels: [LevelRecipe; 4],
     /// A neighbour's window must have less than this share of a pixel's own mean squared difference.
     pub better: f32,
     /// Added to the diagonal of the structure tensor (mean over the window), in squared grey levels of 0..255.
@@ -90,8 +92,7 @@ pub struct Recipe {
 impl Default for RefineRecipe {
     fn default() -> Self {
         Self {
-            rounds: 2,
-            sweeps: 4,
+            sweeps: 3,
             radius: 2,
             alpha: 0.7,
             ground: 4.0,
@@ -107,27 +108,40 @@ impl Recipe {
     /// The recipe of `preset`.
     #[must_use]
     pub fn new(preset: Preset) -> Self {
-        let level = |steps, median, refine| LevelRecipe {
+        let level = |cycles, steps, rounds| LevelRecipe {
+            cycles,
             steps,
             radius: 3,
             distance: 3,
-            median,
-            refine,
+            median: 2,
+            rounds,
         };
-        let (levels, rounds, sweeps) = match preset {
+        let (levels, sweeps) = match preset {
             Preset::Fast => (
-                [level(1, 2, false), level(1, 2, true), level(3, 2, true)],
-                1,
+                [
+                    level(1, 1, 0),
+                    level(1, 1, 0),
+                    level(1, 3, 1),
+                    level(1, 3, 1),
+                ],
                 4,
             ),
             Preset::Balanced => (
-                [level(1, 2, true), level(2, 2, true), level(4, 2, true)],
-                2,
-                4,
+                [
+                    level(1, 2, 0),
+                    level(1, 3, 1),
+                    level(1, 5, 1),
+                    level(1, 5, 1),
+                ],
+                3,
             ),
             Preset::Accurate => (
-                [level(3, 2, true), level(3, 2, true), level(4, 2, true)],
-                5,
+                [
+                    level(1, 3, 5),
+                    level(1, 3, 5),
+                    level(1, 4, 5),
+                    level(1, 4, 5),
+                ],
                 6,
             ),
         };
@@ -137,7 +151,6 @@ impl Recipe {
             damping: 0.3,
             longest: 0.7,
             refine: RefineRecipe {
-                rounds,
                 sweeps,
                 ..RefineRecipe::default()
             },

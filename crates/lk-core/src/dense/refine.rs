@@ -23,8 +23,6 @@ use super::windows::{Reader, Sums, Views, Windows};
 /// The weights are those of the energy in the module's words: data against smoothness.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RefineRecipe {
-    /// Times the second frame is warped and the weights are renewed; 0: no refinement.
-    pub rounds: usize,
     /// Sweeps over all pixels in each round.
     pub sweeps: usize,
     /// Half the window of the data term, 1 to 3.
@@ -80,9 +78,33 @@ pub(super) fn round(
                         let flow = [views.u, views.v].map(|grid| near.map(|y| grid.padded(y)));
                         let to = rows.next(lead);
                         match recipe.radius {
-                            1 => dispatch_lanes(level, Prepare::<3> { sums, flow, recipe, to }),
-                            2 => dispatch_lanes(level, Prepare::<5> { sums, flow, recipe, to }),
-                            _ => dispatch_lanes(level, Prepare::<7> { sums, flow, recipe, to }),
+                            1 => dispatch_lanes(
+                                level,
+                                Prepare::<3> {
+                                    sums,
+                                    flow,
+                                    recipe,
+                                    to,
+                                },
+                            ),
+                            2 => dispatch_lanes(
+                                level,
+                                Prepare::<5> {
+                                    sums,
+                                    flow,
+                                    recipe,
+                                    to,
+                                },
+                            ),
+                            _ => dispatch_lanes(
+                                level,
+                                Prepare::<7> {
+                                    sums,
+                                    flow,
+                                    recipe,
+                                    to,
+                                },
+                            ),
                         }
                         rows.border(lead);
                     }
@@ -104,8 +126,10 @@ pub(super) fn round(
                     if let Some(done) = lead.checked_sub(halves.max(1))
                         && band.contains(&done)
                     {
-                        let (u, v) =
-                            (to_u.row_mut(done - band.start), to_v.row_mut(done - band.start));
+                        let (u, v) = (
+                            to_u.row_mut(done - band.start),
+                            to_v.row_mut(done - band.start),
+                        );
                         rows.write(done, [&mut *u, &mut *v]);
                         grid::extend(u, width);
                         grid::extend(v, width);
@@ -160,8 +184,12 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
                 }
             }
             let slopes = slopes[0].deinterleave(slopes[1]);
-            let u = s.get(&here[0][2 * i]).deinterleave(s.get(&here[0][2 * i + 1]));
-            let v = s.get(&here[1][2 * i]).deinterleave(s.get(&here[1][2 * i + 1]));
+            let u = s
+                .get(&here[0][2 * i])
+                .deinterleave(s.get(&here[0][2 * i + 1]));
+            let v = s
+                .get(&here[1][2 * i])
+                .deinterleave(s.get(&here[1][2 * i + 1]));
             let (slopes, u, v) = ([slopes.0, slopes.1], [u.0, u.1], [v.0, v.1]);
             let moments = reader.moments(i);
             for k in 0..2 {

@@ -69,7 +69,9 @@ impl<'a> Rows<'a> {
         let (slot, half) = (y % self.slots, self.split.half);
         let flow = &mut self.flow[slot * 4 * half..][..4 * half];
         let system = &mut self.system[slot * SYSTEM * 2 * half..][..SYSTEM * 2 * half];
-        let mut parts = flow.chunks_exact_mut(half).chain(system.chunks_exact_mut(half));
+        let mut parts = flow
+            .chunks_exact_mut(half)
+            .chain(system.chunks_exact_mut(half));
         std::array::from_fn(|_| std::array::from_fn(|_| parts.next().unwrap_or_default()))
     }
 
@@ -96,7 +98,8 @@ impl<'a> Rows<'a> {
     pub(super) fn close(&mut self, y: usize) {
         let [above, below] = self.neighbours(y);
         let (slots, size) = (self.slots, SYSTEM * 2 * self.split.half);
-        let (here, [above, below]) = around(self.system, size, [y, above, below].map(|y| y % slots));
+        let (here, [above, below]) =
+            around(self.system, size, [y, above, below].map(|y| y % slots));
         let kernel = Invert {
             split: self.split,
             smooth: [above, below],
@@ -202,7 +205,11 @@ impl LaneKernel for Invert<'_> {
             for i in 0..count {
                 let [left, right, above, below] = joints.get(s, i);
                 let joined = (left + right) + (above + below);
-                let (a, b, c) = (s.get(&xx[i]) + joined, s.get(&xy[i]), s.get(&yy[i]) + joined);
+                let (a, b, c) = (
+                    s.get(&xx[i]) + joined,
+                    s.get(&xy[i]),
+                    s.get(&yy[i]) + joined,
+                );
                 let scale = one / (a * c - b * b);
                 (c * scale).put(&mut xx[i]);
                 ((zero - b) * scale).put(&mut xy[i]);
@@ -288,8 +295,14 @@ impl LaneKernel for HalfSweep<'_> {
         let (v, beside_v) = one_half(v, half, odd);
         let (u, v) = (blocks_mut(u, PAD, count), blocks_mut(v, PAD, count));
         let (left, right) = (PAD + odd - 1, PAD + odd);
-        let (left_u, right_u) = (blocks(beside_u, left, count), blocks(beside_u, right, count));
-        let (left_v, right_v) = (blocks(beside_v, left, count), blocks(beside_v, right, count));
+        let (left_u, right_u) = (
+            blocks(beside_u, left, count),
+            blocks(beside_u, right, count),
+        );
+        let (left_v, right_v) = (
+            blocks(beside_v, left, count),
+            blocks(beside_v, right, count),
+        );
         let relaxation = s.splat(self.relaxation);
         for i in 0..count {
             let [left, right, above, below] = joints.get(s, i);
@@ -311,11 +324,7 @@ impl LaneKernel for HalfSweep<'_> {
 #[inline(always)]
 fn one_half(row: &mut [f32], half: usize, odd: usize) -> (&mut [f32], &[f32]) {
     let (even, odds) = row.split_at_mut(half);
-    if odd == 0 {
-        (even, odds)
-    } else {
-        (odds, even)
-    }
+    if odd == 0 { (even, odds) } else { (odds, even) }
 }
 
 /// Even and odd pixels in turn.

@@ -93,7 +93,10 @@ impl<const N: usize> LaneKernel for Solve<'_, N> {
         let count = self.sums.split.count;
         let reader = Reader::<S, N>::new(s, &self.sums);
         let [from_u, from_v] = self.from;
-        let (from_u, from_v) = (blocks(from_u, PAD, 2 * count), blocks(from_v, PAD, 2 * count));
+        let (from_u, from_v) = (
+            blocks(from_u, PAD, 2 * count),
+            blocks(from_v, PAD, 2 * count),
+        );
         let [to_u, to_v, to_energy] = self.to;
         let (to_u, to_v) = (
             blocks_mut(to_u, PAD, 2 * count),

@@ -5,17 +5,21 @@ use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut};
 
 use super::grid::PAD;
 
-/// `next` at (x + u, y + v) for a row of pixels, bilinear, and whether that lies inside of the picture.
+/// `next` at (x + u, y + v) for a row of pixels, bilinear, beside `prev`, and whether that lies inside of the picture.
 ///
 /// All rows are padded; the room to the right is written up to a whole number of lanes.
 pub(super) struct WarpRow<'a> {
+    /// The row itself.
+    pub(super) prev: &'a [f32],
     /// At least 2 x 2 pixels.
     pub(super) next: &'a Plane,
     pub(super) y: usize,
     pub(super) u: &'a [f32],
     pub(super) v: &'a [f32],
-    /// The samples; outside of the picture those of its edge.
-    pub(super) warped: &'a mut [f32],
+    /// Sample plus `prev`; outside of the picture the sample is that of its edge.
+    pub(super) sum: &'a mut [f32],
+    /// Sample minus `prev`.
+    pub(super) difference: &'a mut [f32],
     /// 1 inside of the picture, 0 outside.
     pub(super) inside: &'a mut [f32],
     /// Becomes whether all samples of the row are inside.
@@ -34,38 +38,87 @@ impl LaneKernel for WarpRow<'_> {
         let ramp = s.ramp();
         let count = width.div_ceil(LANES);
         let (u, v) = (blocks(self.u, PAD, count), blocks(self.v, PAD, count));
-        let warped = blocks_mut(self.warped, PAD, count);
+        let (prev, rest) = self.prev.as_chunks::<LANES>();
+        let mut tail = [0.0; LANES];
+        tail[..rest.len()].copy_from_slice(rest);
+        let sum = blocks_mut(self.sum, PAD, count);
+        let difference = blocks_mut(self.difference, PAD, count);
         let inside = blocks_mut(self.inside, PAD, count);
         let mut least = one;
         for i in 0..count {
             let x = s.splat((i * LANES) as f32) + ramp;
             let at_x = x + s.get(&u[i]);
             let at_y = y + s.get(&v[i]);
-            let across = <S::F as Floats>::both(zero.le(at_x), at_x.le(right));
-            let down = <S::F as Floats>::both(zero.le(at_y), at_y.le(bottom));
-            let within = S::F::select(<S::F as Floats>::both(across, down), one, zero);
-            within.put(&mut inside[i]);
-            least = least.min(S::F::select(x.le(right), within, one));
-            // In this order a NaN becomes 0.
-            let at_x = at_x.max(zero).min(right);
-            let at_y = at_y.max(zero).min(bottom);
-            let (column, row) = (at_x.trunc().min(last_column), at_y.trunc().min(last_row));
-            let (fx, fy) = (at_x - column, at_y - row);
-            let [(a, b), (c, d)] = corners(s, data, width, (row, column), ramp);
-            // In this form a sample on a pixel is that pixel, to the bit, on the last column and row too.
-            let (rest_x, rest_y) = (one - fx, one - fy);
-            let upper = a * rest_x + b * fx;
-            let lower = c * rest_x + d * fx;
-            (upper * rest_y + lower * fy).put(&mut warped[i]);
+            let here = s.get(prev.get(i).unwrap_or(&tail));
+            let sample = if let Some(sample) = even(s, (data, width, height), (at_x, at_y), ramp) {
+                one.put(&mut inside[i]);
+                sample
+            } else {
+                let across = <S::F as Floats>::both(zero.le(at_x), at_x.le(right));
+                let down = <S::F as Floats>::both(zero.le(at_y), at_y.le(bottom));
+                let within = S::F::select(<S::F as Floats>::both(across, down), one, zero);
+                within.put(&mut inside[i]);
+                least = least.min(S::F::select(x.le(right), within, one));
+                // In this order a NaN becomes 0.
+                let at_x = at_x.max(zero).min(right);
+                let at_y = at_y.max(zero).min(bottom);
+                let (column, row) = (at_x.trunc().min(last_column), at_y.trunc().min(last_row));
+                let corners = corners(s, data, width, (row, column), ramp);
+                bilinear(s, corners, (at_x - column, at_y - row))
+            };
+            (sample + here).put(&mut sum[i]);
+            (sample - here).put(&mut difference[i]);
         }
         *self.full = S::F::all(zero.lt(least));
     }
 }
 
+/// In this form a sample on a pixel is that pixel, to the bit, on the last column and row too.
+#[inline(always)]
+fn bilinear<S: Simd>(s: S, [(a, b), (c, d)]: [(S::F, S::F); 2], (fx, fy): (S::F, S::F)) -> S::F {
+    let (rest_x, rest_y) = (s.splat(1.0) - fx, s.splat(1.0) - fy);
+    let upper = a * rest_x + b * fx;
+    let lower = c * rest_x + d * fx;
+    upper * rest_y + lower * fy
+}
+
+/// The samples, if the places of all lanes are as far from their own pixels in whole pixels, and inside of the picture:
+/// sixteen pixels beside each other then come from sixteen beside each other.
+#[inline(always)]
+fn even<S: Simd>(
+    s: S,
+    (data, width, height): (&[f32], usize, usize),
+    (at_x, at_y): (S::F, S::F),
+    ramp: S::F,
+) -> Option<S::F> {
+    let zero = s.splat(0.0);
+    let (column, row) = (at_x.trunc(), at_y.trunc());
+    let (first_column, first_row) = (column.first(), row.first());
+    let shift = column - ramp - s.splat(first_column);
+    let rows = row - s.splat(first_row);
+    let within = <S::F as Floats>::both(zero.le(at_x), zero.le(at_y));
+    let columns = <S::F as Floats>::both(zero.le(shift), shift.le(zero));
+    let rows = <S::F as Floats>::both(zero.le(rows), rows.le(zero));
+    if !S::F::all(<S::F as Floats>::both(
+        within,
+        <S::F as Floats>::both(columns, rows),
+    )) {
+        return None;
+    }
+    let (first_column, first_row) = (first_column as usize, first_row as usize);
+    if first_column + LANES >= width || first_row + 1 >= height {
+        return None;
+    }
+    let at = first_row * width + first_column;
+    let [a, b] = beside::<S, 2>(s, data, at)?;
+    let [c, d] = beside::<S, 2>(s, data, at + width)?;
+    Some(bilinear(s, [(a, b), (c, d)], (at_x - column, at_y - row)))
+}
+
 /// The pixels at `row` and `column` and right of them, then those below.
 ///
-/// Where the flow is even, the places of sixteen pixels beside each other are beside each other too, or differ from that
-/// by one at most: a few groups of pixels beside each other then hold all, and no lane must look up its own.
+/// Where the places of sixteen pixels beside each other differ from being beside each other by one at most, a few groups
+/// of pixels hold all of them, and no lane must look up its own.
 #[inline(always)]
 fn corners<S: Simd>(
     s: S,
@@ -78,19 +131,12 @@ fn corners<S: Simd>(
     let shift = column - ramp;
     let (first_row, first_shift) = (row.first(), shift.first());
     let (down, right) = (row - s.splat(first_row), shift - s.splat(first_shift));
-    let even = <S::F as Floats>::both(
-        <S::F as Floats>::both(zero.le(down), down.le(zero)),
-        <S::F as Floats>::both(zero.le(right), right.le(zero)),
-    );
-    if S::F::all(even) {
-        let at = first_row as usize * width + first_shift as usize;
-        if let (Some([a, b]), Some([c, d])) = (
-            beside::<S, 2>(s, data, at),
-            beside::<S, 2>(s, data, at + width),
-        ) {
-            return [(a, b), (c, d)];
-        }
-    } else if S::F::all(<S::F as Floats>::both(s.splat(-1.0).le(down), down.le(one))) && S::F::all(<S::F as Floats>::both(s.splat(-1.0).le(right), right.le(one))) {
+    if S::F::all(<S::F as Floats>::both(s.splat(-1.0).le(down), down.le(one)))
+        && S::F::all(<S::F as Floats>::both(
+            s.splat(-1.0).le(right),
+            right.le(one),
+        ))
+    {
         // One step up and left where some lane is behind the first one.
         let up = S::F::any(down.lt(zero));
         let left = S::F::any(right.lt(zero));

@@ -69,7 +69,7 @@ pub(super) struct Windows<'a> {
     centred: bool,
     stride: usize,
     split: Split,
-    /// `NEAR` rows each of `prev`, of warped `next` and of the weight.
+    /// `NEAR` rows each of the sum of `prev` and warped `next`, of their difference, and of the weight.
     near: [&'a mut [f32]; 3],
     /// Whether the weights of those rows are all 1.
     whole: [bool; NEAR],
@@ -105,8 +105,8 @@ impl<'a> Windows<'a> {
     ) -> Self {
         let width = views.prev.width();
         let (stride, split) = (grid::stride(width), Split::of(width));
-        let (prev, memory) = memory.split_at_mut(NEAR * stride);
-        let (warped, memory) = memory.split_at_mut(NEAR * stride);
+        let (sum, memory) = memory.split_at_mut(NEAR * stride);
+        let (difference, memory) = memory.split_at_mut(NEAR * stride);
         let (weight, memory) = memory.split_at_mut(NEAR * stride);
         let (ring, memory) = memory.split_at_mut(RING * split.count * KEPT * 2 * LANES);
         let (sums, number) = memory.split_at_mut(2 * SUMS * 3 * split.half);
@@ -122,7 +122,7 @@ impl<'a> Windows<'a> {
             centred,
             stride,
             split,
-            near: [prev, warped, weight],
+            near: [sum, difference, weight],
             whole: [false; NEAR],
             ring,
             counts: [Counts::Nothing; RING],
@@ -190,26 +190,26 @@ impl<'a> Windows<'a> {
         }
         let y = y as usize;
         let slot = (y % NEAR) * self.stride..(y % NEAR + 1) * self.stride;
-        let [prev, warped, inside] = &mut self.near;
-        let (prev, warped, inside) = (
-            &mut prev[slot.clone()],
-            &mut warped[slot.clone()],
+        let [sum, difference, inside] = &mut self.near;
+        let (sum, difference, inside) = (
+            &mut sum[slot.clone()],
+            &mut difference[slot.clone()],
             &mut inside[slot],
         );
-        prev[PAD..PAD + width].copy_from_slice(self.views.prev.row(y));
         let full = &mut self.whole[y % NEAR];
         let kernel = WarpRow {
+            prev: self.views.prev.row(y),
             next: self.views.next,
             y,
             u: self.views.u.padded(y),
             v: self.views.v.padded(y),
-            warped: &mut *warped,
+            sum: &mut *sum,
+            difference,
             inside: &mut *inside,
             full: &mut *full,
         };
         dispatch_lanes(self.level, kernel);
-        grid::extend(prev, width);
-        grid::extend(warped, width);
+        grid::extend(sum, width);
         inside[PAD + width..].fill(0.0);
         if let Some(weight) = self.views.weight {
             *full = false;
@@ -226,7 +226,10 @@ impl<'a> Windows<'a> {
         let slot = y.rem_euclid(RING as isize) as usize;
         let kept = &mut self.ring[slot * count..(slot + 1) * count];
         if y < 0 || y >= height as isize {
-            kept.as_flattened_mut().as_flattened_mut().as_flattened_mut().fill(0.0);
+            kept.as_flattened_mut()
+                .as_flattened_mut()
+                .as_flattened_mut()
+                .fill(0.0);
             self.counts[slot] = Counts::Nothing;
             return;
         }
@@ -237,13 +240,13 @@ impl<'a> Windows<'a> {
             Counts::Some
         };
         let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
-        let [prev, warped, weight] = &self.near;
+        let [sum, difference, weight] = &self.near;
         let near = |y: usize| (y % NEAR) * stride..(y % NEAR + 1) * stride;
         dispatch_lanes(
             self.level,
             Differences {
-                prev: rows.map(|y| &prev[near(y)]),
-                next: rows.map(|y| &warped[near(y)]),
+                sum: rows.map(|y| &sum[near(y)]),
+                difference: &difference[near(y)],
                 weight: &weight[near(y)],
                 kept,
             },
@@ -307,7 +310,9 @@ impl<'a> Windows<'a> {
             self.numbered = Some(rows);
             let width = self.views.prev.width();
             for x in 0..2 * self.split.count * LANES {
-                let columns = (x + N / 2 + 1).min(width).saturating_sub(x.saturating_sub(N / 2));
+                let columns = (x + N / 2 + 1)
+                    .min(width)
+                    .saturating_sub(x.saturating_sub(N / 2));
                 let to = if x % 2 == 0 { &mut *even } else { &mut *odd };
                 to[PAD + x / 2] = (rows * columns) as f32;
             }
@@ -334,10 +339,18 @@ type Kept = [[[f32; LANES]; KEPT]; 2];
 
 /// Gradients and difference of a row of pixels.
 struct Differences<'a> {
-    prev: [&'a [f32]; 3],
-    next: [&'a [f32]; 3],
+    /// `prev` plus `next` in the rows above, at and below.
+    sum: [&'a [f32]; 3],
+    /// `next` minus `prev`.
+    difference: &'a [f32],
     weight: &'a [f32],
     kept: &'a mut [Kept],
+}
+
+/// Pairs of groups of lanes of a padded row, from pixel `offset - 1` on.
+#[inline(always)]
+fn pairs(row: &[f32], offset: usize, count: usize) -> &[[[f32; LANES]; 2]] {
+    &blocks(row, PAD + offset - 1, 2 * count).as_chunks::<2>().0[..count]
 }
 
 impl LaneKernel for Differences<'_> {
@@ -345,31 +358,23 @@ impl LaneKernel for Differences<'_> {
     fn run<S: Simd>(self, s: S) {
         let count = self.kept.len();
         let (zero, quarter) = (s.splat(0.0), s.splat(0.25));
-        let near = |row, offset: usize| blocks(row, PAD + offset - 1, 2 * count).as_chunks::<2>().0;
-        let [pa, p, pb] = self.prev;
-        let [na, n, nb] = self.next;
-        let (pl, pr, nl, nr) = (near(p, 0), near(p, 2), near(n, 0), near(n, 2));
-        let (pl, pr, nl, nr) = (&pl[..count], &pr[..count], &nl[..count], &nr[..count]);
-        let (pa, p, pb) = (near(pa, 1), near(p, 1), near(pb, 1));
-        let (na, n, nb) = (near(na, 1), near(n, 1), near(nb, 1));
-        let (pa, p, pb) = (&pa[..count], &p[..count], &pb[..count]);
-        let (na, n, nb) = (&na[..count], &n[..count], &nb[..count]);
-        let weight = &near(self.weight, 1)[..count];
+        let [above, here, below] = self.sum;
+        let (left, right) = (pairs(here, 0, count), pairs(here, 2, count));
+        let (above, below) = (pairs(above, 1, count), pairs(below, 1, count));
+        let difference = pairs(self.difference, 1, count);
+        let weight = pairs(self.weight, 1, count);
         for i in 0..count {
             let mut both = [[zero; KEPT]; 2];
             for k in 0..2 {
                 let weight = s.get(&weight[i][k]);
                 let on = zero.lt(weight);
-                let along_x =
-                    (s.get(&pr[i][k]) - s.get(&pl[i][k])) + (s.get(&nr[i][k]) - s.get(&nl[i][k]));
-                let along_y =
-                    (s.get(&pb[i][k]) - s.get(&pa[i][k])) + (s.get(&nb[i][k]) - s.get(&na[i][k]));
-                let difference = s.get(&n[i][k]) - s.get(&p[i][k]);
+                let along_x = s.get(&right[i][k]) - s.get(&left[i][k]);
+                let along_y = s.get(&below[i][k]) - s.get(&above[i][k]);
                 both[k] = [
                     weight,
                     S::F::select(on, along_x * quarter, zero),
                     S::F::select(on, along_y * quarter, zero),
-                    S::F::select(on, difference, zero),
+                    S::F::select(on, s.get(&difference[i][k]), zero),
                 ];
             }
             let [first, second] = both;
@@ -519,17 +524,7 @@ fn put<S: Simd, const ODD: usize>(s: S, sum: S::F, to: &mut Quantity<'_>, i: usi
 #[inline(always)]
 fn products<S: Simd>(s: S, kept: &[[f32; LANES]; KEPT]) -> [S::F; SUMS - 1] {
     let (gx, gy, d) = (s.get(&kept[1]), s.get(&kept[2]), s.get(&kept[3]));
-    [
-        gx,
-        gy,
-        d,
-        gx * gx,
-        gx * gy,
-        gy * gy,
-        gx * d,
-        gy * d,
-        d * d,
-    ]
+    [gx, gy, d, gx * gx, gx * gy, gy * gy, gx * d, gy * d, d * d]
 }
 
 /// A row of sums, with those down the columns.

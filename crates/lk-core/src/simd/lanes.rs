@@ -411,8 +411,7 @@ pub(super) mod x86 {
         fn interleave(self, odd: Self) -> (Self, Self) {
             // SAFETY: as above.
             unsafe {
-                let low =
-                    _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
+                let low = _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
                 let high =
                     _mm512_setr_epi32(8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31);
                 (
@@ -573,14 +572,8 @@ pub(super) mod x86 {
             // SAFETY: the CPU has AVX2, for `self` exists.
             unsafe {
                 (
-                    Self(
-                        half::<0x88>(self.0, self.1),
-                        half::<0x88>(next.0, next.1),
-                    ),
-                    Self(
-                        half::<0xdd>(self.0, self.1),
-                        half::<0xdd>(next.0, next.1),
-                    ),
+                    Self(half::<0x88>(self.0, self.1), half::<0x88>(next.0, next.1)),
+                    Self(half::<0xdd>(self.0, self.1), half::<0xdd>(next.0, next.1)),
                 )
             }
         }
@@ -591,7 +584,8 @@ pub(super) mod x86 {
             unsafe fn zip(even: __m256, odd: __m256) -> F256 {
                 // SAFETY: the caller has AVX2.
                 unsafe {
-                    let (low, high) = (_mm256_unpacklo_ps(even, odd), _mm256_unpackhi_ps(even, odd));
+                    let (low, high) =
+                        (_mm256_unpacklo_ps(even, odd), _mm256_unpackhi_ps(even, odd));
                     F256(
                         _mm256_permute2f128_ps::<0x20>(low, high),
                         _mm256_permute2f128_ps::<0x31>(low, high),
