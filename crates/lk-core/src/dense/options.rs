@@ -108,46 +108,49 @@ impl Recipe {
     /// The recipe of `preset`.
     #[must_use]
     pub fn new(preset: Preset) -> Self {
-        let level = |cycles, steps, rounds| LevelRecipe {
-            cycles,
+        let level = |steps, rounds, distance| LevelRecipe {
+            cycles: 1,
             steps,
             radius: 3,
-            distance: 3,
+            distance,
             median: 2,
             rounds,
         };
-        let (levels, sweeps) = match preset {
+        let (levels, better, sweeps) = match preset {
             Preset::Fast => (
                 [
-                    level(1, 1, 0),
-                    level(1, 1, 0),
-                    level(1, 3, 1),
-                    level(1, 3, 1),
+                    level(1, 0, 3),
+                    level(1, 0, 3),
+                    level(3, 1, 3),
+                    level(3, 1, 3),
                 ],
+                0.9,
                 4,
             ),
             Preset::Balanced => (
                 [
-                    level(1, 2, 0),
-                    level(1, 3, 1),
-                    level(1, 5, 1),
-                    level(1, 5, 1),
+                    level(2, 0, 3),
+                    level(3, 1, 3),
+                    level(5, 1, 3),
+                    level(5, 1, 3),
                 ],
+                0.9,
                 3,
             ),
             Preset::Accurate => (
                 [
-                    level(1, 3, 5),
-                    level(1, 3, 5),
-                    level(1, 4, 5),
-                    level(1, 4, 5),
+                    level(5, 5, 3),
+                    level(5, 5, 3),
+                    level(8, 5, 5),
+                    level(8, 5, 5),
                 ],
+                0.85,
                 6,
             ),
         };
         Self {
             levels,
-            better: 0.9,
+            better,
             damping: 0.3,
             longest: 0.7,
             refine: RefineRecipe {
