@@ -62,6 +62,13 @@ impl Grid {
         &mut self.data[y * self.stride..(y + 1) * self.stride]
     }
 
+    /// Take size and content of `other`.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.resize(other.width, other.height);
+        let size = self.stride * self.height;
+        self.data[..size].copy_from_slice(&other.data[..size]);
+    }
+
     /// Set every element.
     pub(super) fn fill(&mut self, value: f32) {
         self.data[..self.stride * self.height].fill(value);

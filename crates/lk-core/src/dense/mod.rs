@@ -18,7 +18,9 @@ mod median;
 mod options;
 mod refine;
 mod relax;
+mod relight;
 mod scratch;
+mod search;
 mod select;
 mod step;
 mod upsample;
@@ -228,6 +230,7 @@ impl DenseFlow {
             next: &next.pyramid,
             ranges: [&prev.greys, &next.greys].map(|greys| greys.range(next.scale)),
             weighted,
+            found: false,
             memory: &mut *memory,
         };
         let lit = descent.run(hints)?;

@@ -40,15 +40,6 @@ pub(crate) trait Floats:
     fn interleave(self, odd: Self) -> (Self, Self);
     /// Write to all of `to`.
     fn put(self, to: &mut [f32; LANES]);
-    /// Write to `to[at..at + 16]`.
-    #[inline(always)]
-    fn store(self, to: &mut [f32], at: usize) {
-        if let Some(to) = to[at..].first_chunk_mut::<LANES>() {
-            self.put(to);
-        } else {
-            beyond(to.len(), at);
-        }
-    }
 }
 
 /// Sixteen elements were asked for where there are fewer.

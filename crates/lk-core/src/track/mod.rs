@@ -17,7 +17,7 @@ mod options;
 mod patch;
 mod retry;
 mod search;
-mod seeds;
+pub(crate) mod seeds;
 mod solve;
 mod spread;
 mod stream;

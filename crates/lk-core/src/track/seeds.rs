@@ -74,6 +74,20 @@ impl Seeds {
         })
     }
 
+    /// All seeds that are at least `apart` pixels from those before them, those of the frame first.
+    pub(crate) fn distinct(&self, apart: f64) -> Vec<[f64; 2]> {
+        let mut found: Vec<[f64; 2]> = Vec::new();
+        for seed in self.frame.iter().chain(self.tiles.iter().flatten()) {
+            let near = |other: &[f64; 2]| {
+                (other[0] - seed[0]).abs() < apart && (other[1] - seed[1]).abs() < apart
+            };
+            if !found.iter().any(near) {
+                found.push(*seed);
+            }
+        }
+        found
+    }
+
     /// The seeds for a point.
     pub(crate) fn at(&self, [x, y]: [f32; 2]) -> impl Iterator<Item = [f64; 2]> {
         // The tile whose centre is nearest: centres stand at 1/4, 2/4 and 3/4 of the frame.

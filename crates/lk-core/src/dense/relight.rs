@@ -1,0 +1,140 @@
+//! Light that has changed: what it did is found on coarse levels, and all levels of `prev` are brought to it.
+
+use crate::error::Result;
+use crate::frame::Plane;
+
+use super::descend::{Descent, Memory};
+use super::options::DenseHints;
+use super::weights;
+use super::windows::Views;
+
+/// Half the windows of its trend over the picture, and of what differs locally, in pixels of those levels. Where light
+/// has changed, all are tried: on coarse levels a wrong guess can lead the flow astray.
+const LIGHT_RADII: [(usize, usize); 4] = [(3, 8), (2, 8), (5, 12), (3, 6)];
+/// Whether it has changed is looked at closely where the logarithm of the gain exceeds this.
+const SUSPICIOUS: f64 = 0.05;
+/// Light is taken to have changed where that leaves less than this share of the misfit.
+const CHANGED: f64 = 0.9;
+
+impl Descent<'_> {
+    /// Find what the light did, on level `first` and coarser ones, bring all levels of `prev` to it, and measure those
+    /// levels again; `first`, or `None` and nothing has happened where no change of light fits.
+    pub(super) fn relight(&mut self, first: usize, hints: DenseHints<'_>) -> Result<Option<usize>> {
+        let mut least = CHANGED * self.memory.misfit();
+        let mut lit = None;
+        self.memory.keep_flow();
+        let levels = &self.prev.levels()[first..];
+        self.memory.coarse.resize_with(levels.len(), Plane::default);
+        for (kept, plane) in self.memory.coarse.iter_mut().zip(levels) {
+            kept.clone_from(plane);
+        }
+        for radii in LIGHT_RADII {
+            self.coarse(first, hints, Some(radii))?;
+            let levels = &mut self.prev.levels_mut()[first..];
+            for (kept, plane) in self.memory.coarse.iter().zip(levels) {
+                plane.clone_from(kept);
+            }
+            let misfit = self.memory.misfit();
+            if misfit < least {
+                least = misfit;
+                lit = Some(first);
+                self.memory.keep_flow();
+                let Memory {
+                    light, best_light, ..
+                } = &mut *self.memory;
+                std::mem::swap(light, best_light);
+            }
+            if lit.is_none() {
+                break;
+            }
+        }
+        let Memory {
+            flow,
+            best,
+            light,
+            best_light,
+            ..
+        } = &mut *self.memory;
+        std::mem::swap(flow, best);
+        std::mem::swap(light, best_light);
+        if lit.is_some() {
+            self.relight_all(first)?;
+            self.coarse(first, hints, None)?;
+        }
+        Ok(lit)
+    }
+
+    /// Give `prev` the light of `next` on all levels, as level `from` has seen it. A sensor clips what is beyond its range,
+    /// which says nothing of motion: pixels at the limits of either frame weigh nothing from here on.
+    fn relight_all(&mut self, from: usize) -> Result<()> {
+        let Memory {
+            light,
+            weights,
+            unclipped,
+            ..
+        } = &mut *self.memory;
+        let finest = &mut self.prev.levels_mut()[0];
+        unclipped.resize(finest.width(), finest.height());
+        let within = |value: f32, range: Option<[f32; 2]>| {
+            range.is_none_or(|[low, high]| value > low && value < high)
+        };
+        for (weight, value) in unclipped.data_mut().iter_mut().zip(finest.data()) {
+            *weight = f32::from(u8::from(within(*value, self.ranges[0])));
+        }
+        light.apply(finest, from);
+        for (weight, value) in unclipped.data_mut().iter_mut().zip(finest.data_mut()) {
+            if let Some([low, high]) = self.ranges[1] {
+                *value = value.clamp(low, high);
+            }
+            if !within(*value, self.ranges[1]) {
+                *weight = 0.0;
+            }
+        }
+        self.prev.reduce_again(&self.options.execution)?;
+        if self.weighted {
+            for (to, given) in unclipped.data_mut().iter_mut().zip(weights[0].data()) {
+                *to *= given;
+            }
+        }
+        self.weighted = true;
+        weights::pyramid(unclipped, self.prev, weights);
+        Ok(())
+    }
+
+    /// Whether the light may have changed by more than an offset.
+    pub(super) fn gain_matters(&mut self, level: usize) -> bool {
+        let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
+        let weight = self.weighted.then(|| &self.memory.weights[level]);
+        let [trend, beyond] = self
+            .memory
+            .light
+            .change(prev, next, weight, LIGHT_RADII[0].1);
+        trend > SUSPICIOUS || beyond > 2.0 * SUSPICIOUS
+    }
+
+    /// Give `prev` the light of `next`, as the flow so far sees it.
+    pub(super) fn relight_level(&mut self, level: usize, radii: (usize, usize)) {
+        let Memory {
+            flow: [u, v],
+            light,
+            weights,
+            ..
+        } = &mut *self.memory;
+        let weight = self.weighted.then(|| &weights[level]);
+        let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
+        let simd = self.options.execution.simd_level();
+        light.estimate(
+            Views {
+                prev,
+                next,
+                u,
+                v,
+                weight,
+            },
+            radii.0,
+            radii.1,
+            simd,
+        );
+        light.apply(&mut self.prev.levels_mut()[level], 0);
+    }
+}

@@ -1,0 +1,125 @@
+//! Motion that is too large for the pyramid: displacements found by phase correlation are tried everywhere.
+//!
+//! The coarsest level sees a few pixels of motion at most, and what is as small as that motion is not seen there at all.
+//! Where most windows are left without a match, the displacements of the whole picture and of its tiles are tried on the
+//! level of about 100 pixels, and each pixel keeps the one that fits it best.
+
+use crate::error::Result;
+use crate::frame::Plane;
+use crate::track::seeds::Seeds;
+
+use super::descend::{Descent, Memory};
+use super::grid;
+
+/// Motion is looked for where the misfit of windows is above this share of their contrast: unrelated windows have 1.4
+/// times their contrast, and windows that match next to nothing.
+const LOST: f64 = 0.45;
+
+/// What is found is kept if it leaves less than this share of the misfit.
+const FOUND: f64 = 0.9;
+
+/// Displacements that differ by less than this many pixels of the level are one: the steps bridge them.
+const APART: f64 = 2.0;
+
+/// Most displacements that are tried.
+const MOST: usize = 12;
+
+/// Half the windows whose contrast is measured, and the distance from one to the next.
+const RADIUS: usize = 3;
+
+impl Descent<'_> {
+    /// Improve the flow of level `level`, which has just been measured, if it is lost. Returns whether that has led to
+    /// anything; the flow is then in `memory.found` too.
+    pub(super) fn search(&mut self, level: usize) -> Result<bool> {
+        let before = self.memory.misfit();
+        let contrast = contrast(&self.prev.levels()[level]);
+        if before <= LOST * contrast {
+            return Ok(false);
+        }
+        let scale = (1usize << level) as f64;
+        let seeds = Seeds::find(
+            self.prev.levels(),
+            self.next.levels(),
+            &self.options.execution,
+        )?;
+        self.memory.keep_flow();
+        let Memory { best, found, .. } = &mut *self.memory;
+        for (found, best) in found.iter_mut().zip(best) {
+            found.copy_from(best);
+        }
+        self.memory.found_energy.copy_from(&self.memory.energy);
+        let most = self.options.max_displacement.map_or(f64::MAX, f64::from);
+        for seed in seeds.distinct(APART * scale).into_iter().take(MOST) {
+            if seed[0].hypot(seed[1]) > most + scale {
+                continue;
+            }
+            let plane = &self.prev.levels()[level];
+            for (grid, value) in self.memory.flow.iter_mut().zip(seed) {
+                grid.resize(plane.width(), plane.height());
+                grid.fill((value / scale) as f32);
+            }
+            self.level(level)?;
+            self.memory.keep_what_fits();
+        }
+        std::mem::swap(&mut self.memory.flow, &mut self.memory.found);
+        self.level(level)?;
+        let better = self.memory.misfit() < FOUND * before;
+        let Memory {
+            flow, best, found, ..
+        } = &mut *self.memory;
+        if !better {
+            std::mem::swap(flow, best);
+            return Ok(false);
+        }
+        for (found, flow) in found.iter_mut().zip(&*flow) {
+            found.copy_from(flow);
+        }
+        Ok(true)
+    }
+}
+
+impl Memory {
+    /// Take over into `found` the flow at pixels where it fits better than what is there.
+    fn keep_what_fits(&mut self) {
+        let (width, height) = (self.energy.width(), self.energy.height());
+        for y in 0..height {
+            let energy = self.energy.padded(y);
+            let kept = self.found_energy.padded_mut(y);
+            for axis in 0..2 {
+                let flow = self.flow[axis].padded(y);
+                let found = self.found[axis].padded_mut(y);
+                for x in grid::PAD..grid::PAD + width {
+                    if energy[x] < kept[x] {
+                        found[x] = flow[x];
+                    }
+                }
+                grid::extend(found, width);
+            }
+            for x in grid::PAD..grid::PAD + width {
+                kept[x] = kept[x].min(energy[x]);
+            }
+        }
+    }
+}
+
+/// The mean standard deviation of grey levels within windows.
+fn contrast(plane: &Plane) -> f64 {
+    let (mut all, mut windows) = (0.0, 0.0);
+    for y in (0..plane.height()).step_by(RADIUS) {
+        for x in (0..plane.width()).step_by(RADIUS) {
+            let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
+            for row in y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(plane.height()) {
+                let columns = x.saturating_sub(RADIUS)..(x + RADIUS + 1).min(plane.width());
+                for value in &plane.row(row)[columns] {
+                    let value = f64::from(*value);
+                    n += 1.0;
+                    sum += value;
+                    squares += value * value;
+                }
+            }
+            all += (squares / n - (sum / n).powi(2)).max(0.0).sqrt();
+            windows += 1.0;
+        }
+    }
+    if windows > 0.0 { all / windows } else { 0.0 }
+}
