@@ -174,6 +174,7 @@ impl Descent<'_> {
             upsample::upsample(
                 flow,
                 (plane.width(), plane.height()),
+                2.0,
                 spare,
                 &self.options.execution,
             )?;
@@ -204,33 +205,43 @@ impl Descent<'_> {
         let weight = self.weighted.then(|| &weights[level]);
         let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
         for _ in 0..of_level.cycles {
-            for _ in 0..of_level.steps {
+            for taken in 0..of_level.steps {
                 execution.check()?;
                 let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
-                let input = Views {
+                let views = Views {
                     prev,
                     next,
                     u,
                     v,
                     weight,
                 };
-                step::step(
-                    input,
-                    &options,
-                    (&mut *to_u, &mut *to_v, &mut *energy),
-                    execution,
-                )?;
-                if of_level.distance > 0 {
-                    let (distance, better) = (of_level.distance, recipe.better);
-                    let to = (&mut *u, &mut *v);
-                    select::select((to_u, to_v), energy, distance, better, to, execution)?;
+                let sparse = taken < of_level.sparse;
+                let to = (&mut *to_u, &mut *to_v, &mut *energy);
+                // Distances in pixels of the grid that the step is taken on.
+                let (distance, spacing) = if sparse {
+                    step::sparse_step(views, &options, to, execution)?;
+                    (of_level.distance.div_ceil(2), of_level.median.div_ceil(2))
+                } else {
+                    step::step(views, &options, to, execution)?;
+                    (of_level.distance, of_level.median)
+                };
+                if distance > 0 {
+                    let (from, to) = ((&*to_u, &*to_v), (&mut *u, &mut *v));
+                    select::select(from, energy, distance, recipe.better, to, execution)?;
                 } else {
                     std::mem::swap(u, to_u);
                     std::mem::swap(v, to_v);
                 }
-                if of_level.median > 0 {
+                if spacing > 0 {
                     let to = [&mut *to_u, &mut *to_v];
-                    median::median([&*u, &*v], of_level.median, to, execution)?;
+                    median::median([&*u, &*v], spacing, to, execution)?;
+                    std::mem::swap(u, to_u);
+                    std::mem::swap(v, to_v);
+                }
+                if sparse {
+                    let size = (prev.width(), prev.height());
+                    upsample::upsample(u, size, 1.0, to_u, execution)?;
+                    upsample::upsample(v, size, 1.0, to_v, execution)?;
                     std::mem::swap(u, to_u);
                     std::mem::swap(v, to_v);
                 }

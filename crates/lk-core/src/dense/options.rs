@@ -64,6 +64,8 @@ pub struct LevelRecipe {
     pub cycles: usize,
     /// Lucas-Kanade steps of a cycle.
     pub steps: usize,
+    /// How many of the steps, the first ones, are taken at one pixel in each 2 x 2 and interpolated.
+    pub sparse: usize,
     /// Half the window of the least squares, 1 to 3.
     pub radius: usize,
     /// How far away the neighbours are whose flow a pixel may take, 1 to 16 pixels; 0: it takes none.
@@ -111,6 +113,7 @@ impl Recipe {
         let level = |steps, rounds, distance| LevelRecipe {
             cycles: 1,
             steps,
+            sparse: 0,
             radius: 3,
             distance,
             median: 2,

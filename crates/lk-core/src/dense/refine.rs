@@ -7,6 +7,7 @@
 //! edges of the picture; psi(s^2) = sqrt(s^2 + epsilon^2). A round warps `next` anew, fixes the weights that psi gives,
 //! and relaxes the linear system ([`relax`](super::relax)), all in one pass over the rows: nothing but the flow itself
 //! is as large as the picture.
+#![allow(clippy::needless_range_loop, reason = "several arrays run along")]
 
 use crate::error::Result;
 use crate::execution::Execution;
@@ -215,6 +216,6 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
 
 /// Both halves of a split row, in groups of lanes.
 #[inline(always)]
-fn groups<'a>([even, odd]: [&'a mut [f32]; 2], count: usize) -> [&'a mut [[f32; LANES]]; 2] {
+fn groups([even, odd]: [&mut [f32]; 2], count: usize) -> [&mut [[f32; LANES]]; 2] {
     [blocks_mut(even, PAD, count), blocks_mut(odd, PAD, count)]
 }

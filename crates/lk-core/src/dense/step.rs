@@ -8,7 +8,7 @@ use crate::simd::{Floats, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
 use super::scratch::with_scratch;
-use super::windows::{Reader, Sums, Views, Windows};
+use super::windows::{Moments, Reader, Sums, Views, Windows};
 
 /// What a step needs to know besides its planes.
 #[derive(Debug, Clone, Copy)]
@@ -63,6 +63,56 @@ pub(super) fn step(
     )
 }
 
+/// The same at one pixel in each 2 x 2, (2x, 2y), into grids of half the size.
+pub(super) fn sparse_step(
+    views: Views<'_>,
+    options: &StepOptions,
+    (u, v, energy): (&mut Grid, &mut Grid, &mut Grid),
+    execution: &Execution,
+) -> Result<()> {
+    let (full_width, full_height) = (views.prev.width(), views.prev.height());
+    let (width, height) = (full_width.div_ceil(2), full_height.div_ceil(2));
+    for plane in [&mut *u, &mut *v, &mut *energy] {
+        plane.resize(width, height);
+    }
+    let level = execution.simd_level();
+    for_each_band(
+        execution,
+        height,
+        (8_192 / width).max(4),
+        (u.rows_mut(), v.rows_mut(), energy.rows_mut()),
+        |rows, (mut u, mut v, mut energy)| {
+            with_scratch(Windows::size(full_width), |memory| {
+                let mut windows =
+                    Windows::new(level, views, options.radius, options.centred, memory);
+                windows.start(2 * rows.start);
+                for (local, y) in rows.enumerate() {
+                    let sums = windows.upper_row(2 * y);
+                    let mut to = [u.row_mut(local), v.row_mut(local), energy.row_mut(local)];
+                    let from = [views.u.padded(2 * y), views.v.padded(2 * y)];
+                    match options.radius {
+                        1 => dispatch_lanes(
+                            level,
+                            Sparse(Solve::<3>::new(sums, options, from, &mut to)),
+                        ),
+                        2 => dispatch_lanes(
+                            level,
+                            Sparse(Solve::<5>::new(sums, options, from, &mut to)),
+                        ),
+                        _ => dispatch_lanes(
+                            level,
+                            Sparse(Solve::<7>::new(sums, options, from, &mut to)),
+                        ),
+                    }
+                    for row in to {
+                        grid::extend(row, width);
+                    }
+                }
+            });
+        },
+    )
+}
+
 /// The least squares of each pixel of a row, and its step.
 struct Solve<'a, const N: usize> {
     sums: Sums<'a>,
@@ -87,6 +137,80 @@ impl<'a, const N: usize> Solve<'a, N> {
     }
 }
 
+/// What the least squares of one group of lanes need besides their moments.
+struct Limits<F> {
+    damping: F,
+    most: F,
+    least: F,
+    zero: F,
+    one: F,
+    nothing: F,
+}
+
+impl<F: Floats> Limits<F> {
+    #[inline(always)]
+    fn new<S: Simd<F = F>>(s: S, options: &StepOptions) -> Self {
+        Self {
+            damping: s.splat(options.damping),
+            most: s.splat(options.longest),
+            least: s.splat(-options.longest),
+            zero: s.splat(0.0),
+            one: s.splat(1.0),
+            nothing: s.splat(f32::MAX),
+        }
+    }
+
+    /// The step along x and y, and the energy before it.
+    #[inline(always)]
+    fn solve(&self, [n, xx, xy, yy, xd, yd, dd]: Moments<F>) -> [F; 3] {
+        let (xx, yy) = (xx + self.damping, yy + self.damping);
+        let scale = self.one / (xy * xy - xx * yy);
+        let step_u = (yy * xd - xy * yd) * scale;
+        let step_v = (xx * yd - xy * xd) * scale;
+        [
+            step_u.max(self.least).min(self.most),
+            step_v.max(self.least).min(self.most),
+            F::select(self.zero.lt(n), dd, self.nothing),
+        ]
+    }
+}
+
+/// A row of even pixels alone.
+struct Sparse<'a, const N: usize>(Solve<'a, N>);
+
+impl<const N: usize> LaneKernel for Sparse<'_, N> {
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Solve {
+            sums,
+            options,
+            from: [from_u, from_v],
+            to: [to_u, to_v, to_energy],
+        } = self.0;
+        let count = sums.split.count;
+        let reader = Reader::<S, N>::new(s, &sums);
+        let limits = Limits::new(s, &options);
+        let from_u = blocks(from_u, PAD, 2 * count);
+        let from_v = blocks(from_v, PAD, 2 * count);
+        let to_u = blocks_mut(to_u, PAD, count);
+        let to_v = blocks_mut(to_v, PAD, count);
+        let to_energy = blocks_mut(to_energy, PAD, count);
+        for i in 0..count {
+            let [even, _] = reader.moments(i);
+            let [u, v, energy] = limits.solve(even);
+            let (from, _) = s
+                .get(&from_u[2 * i])
+                .deinterleave(s.get(&from_u[2 * i + 1]));
+            (from + u).put(&mut to_u[i]);
+            let (from, _) = s
+                .get(&from_v[2 * i])
+                .deinterleave(s.get(&from_v[2 * i + 1]));
+            (from + v).put(&mut to_v[i]);
+            energy.put(&mut to_energy[i]);
+        }
+    }
+}
+
 impl<const N: usize> LaneKernel for Solve<'_, N> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
@@ -103,27 +227,10 @@ impl<const N: usize> LaneKernel for Solve<'_, N> {
             blocks_mut(to_v, PAD, 2 * count),
         );
         let to_energy = blocks_mut(to_energy, PAD, 2 * count);
-        let StepOptions {
-            damping, longest, ..
-        } = self.options;
-        let damping = s.splat(damping);
-        let (most, least) = (s.splat(longest), s.splat(-longest));
-        let (zero, one, nothing) = (s.splat(0.0), s.splat(1.0), s.splat(f32::MAX));
+        let limits = Limits::new(s, &self.options);
         for i in 0..count {
-            let mut results = [[zero; 3]; 2];
-            for (result, moments) in results.iter_mut().zip(reader.moments(i)) {
-                let [n, xx, xy, yy, xd, yd, dd] = moments;
-                let (xx, yy) = (xx + damping, yy + damping);
-                let scale = one / (xy * xy - xx * yy);
-                let step_u = (yy * xd - xy * yd) * scale;
-                let step_v = (xx * yd - xy * xd) * scale;
-                *result = [
-                    step_u.max(least).min(most),
-                    step_v.max(least).min(most),
-                    S::F::select(zero.lt(n), dd, nothing),
-                ];
-            }
-            let [even, odd] = results;
+            let [even, odd] = reader.moments(i);
+            let (even, odd) = (limits.solve(even), limits.solve(odd));
             let (u, next_u) = even[0].interleave(odd[0]);
             let (v, next_v) = even[1].interleave(odd[1]);
             let (energy, next_energy) = even[2].interleave(odd[2]);

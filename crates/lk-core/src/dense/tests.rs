@@ -633,7 +633,7 @@ proptest! {
     fn a_flow_is_doubled_and_interpolated(width in 1usize..40, height in 1usize..12, seed in any::<u32>()) {
         let coarse = noise(width.div_ceil(2), height.div_ceil(2), seed, 3.0);
         let mut fine = Grid::default();
-        upsample::upsample(&coarse, (width, height), &mut fine, &Execution::default()).unwrap();
+        upsample::upsample(&coarse, (width, height), 2.0, &mut fine, &Execution::default()).unwrap();
         for y in 0..height as isize {
             for x in 0..width as isize {
                 let mean = |y: isize| 0.5 * (at(&coarse, y, x / 2) + at(&coarse, y, (x + 1) / 2));

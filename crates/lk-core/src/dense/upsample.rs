@@ -6,11 +6,12 @@ use crate::parallel::for_each_band;
 
 use super::grid::{self, Grid, PAD};
 
-/// Write twice the values of `coarse`, interpolated, into `fine` of the given size: pixel (x, y) of the coarse level
-/// sits over (2x, 2y) of the fine one.
+/// Write `scale` times the values of `coarse`, interpolated, into `fine` of the given size: pixel (x, y) of `coarse` sits
+/// over (2x, 2y) of `fine`. The scale is 2 from level to level, and 1 within one.
 pub(super) fn upsample(
     coarse: &Grid,
     (width, height): (usize, usize),
+    scale: f32,
     fine: &mut Grid,
     execution: &Execution,
 ) -> Result<()> {
@@ -29,9 +30,10 @@ pub(super) fn upsample(
                 let (a, b) = (&a[PAD..PAD + half + 1], &b[PAD..PAD + half + 1]);
                 let (pairs, _) = padded[PAD..].as_chunks_mut::<2>();
                 let pairs = &mut pairs[..half];
+                let (one, two) = (0.5 * scale, 0.25 * scale);
                 for x in 0..half {
                     let (here, there) = (a[x] + b[x], a[x + 1] + b[x + 1]);
-                    pairs[x] = [here, 0.5 * (here + there)];
+                    pairs[x] = [one * here, two * (here + there)];
                 }
                 grid::extend(padded, width);
             }
