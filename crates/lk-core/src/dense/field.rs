@@ -62,9 +62,13 @@ impl FlowField {
     /// Take a size; what is measured is unspecified until it is written.
     pub(super) fn resize(&mut self, width: usize, height: usize) {
         (self.width, self.height) = (width, height);
-        self.uv.resize(2 * width * height, f32::NAN);
-        self.valid.resize(width * height, false);
-        self.residual.resize(width * height, f32::NAN);
+        let pixels = width * height;
+        if self.valid.len() != pixels {
+            // Fresh memory that is zero already costs less than memory that is filled.
+            self.uv = vec![0.0; 2 * pixels];
+            self.valid = vec![false; pixels];
+            self.residual = vec![0.0; pixels];
+        }
         for (plane, value) in [(&mut self.gain, 1.0), (&mut self.offset, 0.0)] {
             plane.resize(1, 1);
             plane.data_mut().fill(value);

@@ -110,46 +110,36 @@ impl Recipe {
     /// The recipe of `preset`.
     #[must_use]
     pub fn new(preset: Preset) -> Self {
-        let level = |steps, rounds, distance| LevelRecipe {
+        let level = |steps, sparse, rounds, distance| LevelRecipe {
             cycles: 1,
             steps,
-            sparse: 0,
+            sparse,
             radius: 3,
             distance,
             median: 2,
             rounds,
         };
         let (levels, better, sweeps) = match preset {
-            Preset::Fast => (
-                [
-                    level(1, 0, 3),
-                    level(1, 0, 3),
-                    level(3, 1, 3),
-                    level(3, 1, 3),
-                ],
-                0.9,
-                4,
-            ),
-            Preset::Balanced => (
-                [
-                    level(2, 0, 3),
-                    level(3, 1, 3),
-                    level(5, 1, 3),
-                    level(5, 1, 3),
-                ],
-                0.9,
-                3,
-            ),
-            Preset::Accurate => (
-                [
-                    level(5, 5, 3),
-                    level(5, 5, 3),
-                    level(8, 5, 5),
-                    level(8, 5, 5),
-                ],
-                0.85,
-                6,
-            ),
+            Preset::Fast => {
+                let coarse = level(3, 0, 1, 3);
+                (
+                    [level(1, 1, 0, 3), level(1, 0, 0, 3), coarse, coarse],
+                    0.9,
+                    4,
+                )
+            }
+            Preset::Balanced => {
+                let coarse = level(5, 2, 2, 3);
+                (
+                    [level(2, 1, 0, 3), level(3, 1, 1, 3), coarse, coarse],
+                    0.9,
+                    3,
+                )
+            }
+            Preset::Accurate => {
+                let (fine, coarse) = (level(5, 0, 5, 3), level(8, 0, 5, 5));
+                ([fine, fine, coarse, coarse], 0.85, 6)
+            }
         };
         Self {
             levels,
