@@ -61,8 +61,9 @@ pub(super) fn assess(
         (16_384 / width).max(8),
         outputs,
         |rows, (mut uv, mut valid, mut residual)| {
-            with_scratch(size + 3 * stride, |memory| {
+            with_scratch(size + 5 * stride, |memory| {
                 let (memory, rest) = memory.split_at_mut(size);
+                let (row_of_flow, rest) = rest.split_at_mut(2 * stride);
                 let (fit, rest) = rest.split_at_mut(stride);
                 let (misfit, row_of_flags) = rest.split_at_mut(stride);
                 let mut windows = Windows::new(level, views, RADIUS, centred, memory);
@@ -70,24 +71,31 @@ pub(super) fn assess(
                 for (local, y) in rows.enumerate() {
                     if local == 0 || y % 2 == 0 {
                         let upper = y - y % 2;
+                        // On grids of half the size, of two rows and columns of theirs: 4 pixels.
+                        let (place, reach) = match views.halved {
+                            Some(_) => (upper / 2, RADIUS.div_ceil(2)),
+                            None => (upper, RADIUS),
+                        };
                         let near = [
-                            upper.saturating_sub(RADIUS),
-                            upper,
-                            (upper + RADIUS).min(height - 1),
+                            place.saturating_sub(reach),
+                            place,
+                            (place + reach).min(views.u.height() - 1),
                         ];
                         let kernel = Fit {
                             sums: windows.upper_row(upper),
                             flow: [views.u, views.v].map(|grid| near.map(|y| grid.padded(y))),
+                            halved: views.halved,
                             unit,
                             fit: &mut *fit,
                             misfit: &mut *misfit,
                         };
                         dispatch_lanes(level, kernel);
                     }
+                    let flow = views.flow(y, row_of_flow);
                     let kernel = Inside {
                         y: y as f32,
                         size: [(width - 1) as f32, (height - 1) as f32],
-                        flow: [views.u.padded(y), views.v.padded(y)],
+                        flow,
                         fit,
                         flags: &mut *row_of_flags,
                     };
@@ -95,7 +103,7 @@ pub(super) fn assess(
                     let (uv, _) = uv.row_mut(local).as_chunks_mut::<2>();
                     let (valid, residual) = (valid.row_mut(local), residual.row_mut(local));
                     residual.copy_from_slice(&misfit[PAD..PAD + width]);
-                    let (u, v) = (views.u.row(y), views.v.row(y));
+                    let [u, v] = flow.map(|row| &row[PAD..PAD + width]);
                     let kernel = Write {
                         flow: [u, v],
                         flags: &row_of_flags[PAD..PAD + width],
@@ -127,8 +135,10 @@ pub(super) fn assess(
 /// Whether the windows of the even pixels of a row say that the flow was measured, and how large their residual is.
 struct Fit<'a> {
     sums: Sums<'a>,
-    /// u and v, `RADIUS` rows above, at the row, and as many below.
+    /// u and v, some rows above, at the row, and as many below.
     flow: [[&'a [f32]; 3]; 2],
+    /// If those are of half the size: what their values are multiplied by.
+    halved: Option<f32>,
     unit: f32,
     /// At least 0 where all is well; for an even pixel and the odd one after it.
     fit: &'a mut [f32],
@@ -144,8 +154,13 @@ impl LaneKernel for Fit<'_> {
         let fit = blocks_mut(self.fit, PAD, 2 * count);
         let misfit = blocks_mut(self.misfit, PAD, 2 * count);
         let [[ua, u, ub], [va, v, vb]] = self.flow;
-        let near_u = Near::new([ua, u, ub], 2 * count);
-        let near_v = Near::new([va, v, vb], 2 * count);
+        let (reach, groups) = match self.halved {
+            Some(_) => (RADIUS.div_ceil(2), count),
+            None => (RADIUS, 2 * count),
+        };
+        let near_u = Near::new([ua, u, ub], reach, groups);
+        let near_v = Near::new([va, v, vb], reach, groups);
+        let scale = s.splat(self.halved.unwrap_or(1.0));
         let (zero, half, unit) = (s.splat(0.0), s.splat(0.5), s.splat(self.unit));
         let enough = s.splat(0.5 * ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32);
         let (least, noise, share) = (s.splat(TEXTURE), s.splat(NOISE), s.splat(MISFIT));
@@ -156,9 +171,13 @@ impl LaneKernel for Fit<'_> {
             let root = (difference * difference + xy * xy).sqrt();
             let texture = ((xx + yy) * half - root).max(zero);
             let energy = dd.max(zero);
-            let first = near_u.range(s, 2 * i) + near_v.range(s, 2 * i);
-            let second = near_u.range(s, 2 * i + 1) + near_v.range(s, 2 * i + 1);
-            let (range, _) = first.deinterleave(second);
+            let range = if self.halved.is_some() {
+                (near_u.range(s, i) + near_v.range(s, i)) * scale
+            } else {
+                let first = near_u.range(s, 2 * i) + near_v.range(s, 2 * i);
+                let second = near_u.range(s, 2 * i + 1) + near_v.range(s, 2 * i + 1);
+                first.deinterleave(second).0
+            };
             // Each term is negative where something is amiss.
             let fits = (noise + share * texture).min(drowned * texture) - energy;
             let good = ((n - enough).min(texture - least)).min(fits.min(edge - range));
@@ -173,13 +192,13 @@ impl LaneKernel for Fit<'_> {
     }
 }
 
-/// Nine values around each pixel, `RADIUS` apart.
+/// Nine values around each pixel.
 struct Near<'a>([&'a [[f32; LANES]]; 9]);
 
 impl<'a> Near<'a> {
     #[inline(always)]
-    fn new([above, here, below]: [&'a [f32]; 3], count: usize) -> Self {
-        let (left, right) = (PAD - RADIUS, PAD + RADIUS);
+    fn new([above, here, below]: [&'a [f32]; 3], reach: usize, count: usize) -> Self {
+        let (left, right) = (PAD - reach, PAD + reach);
         Self([
             blocks(above, left, count),
             blocks(above, PAD, count),

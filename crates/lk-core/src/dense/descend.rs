@@ -18,6 +18,8 @@ const LIGHT_SIZE: usize = 100;
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     pub(super) flow: [Grid; 2],
+    /// If the flow is of half the size of the level: what its values are multiplied by.
+    pub(super) halved: Option<f32>,
     spare: [Grid; 2],
     /// The best flow of the coarse levels so far, and its light.
     pub(super) best: [Grid; 2],
@@ -61,6 +63,7 @@ impl Memory {
 
     /// Set the flow on the level to begin with, and return that level.
     fn start(&mut self, pyramid: &Pyramid, hints: DenseHints<'_>) -> usize {
+        self.halved = None;
         let coarsest = pyramid.levels().len() - 1;
         let level = match hints.initial {
             Some(_) => coarsest.min(2),
@@ -131,8 +134,11 @@ impl Descent<'_> {
                 None
             };
         for level in (0..first).rev() {
-            self.finer(level)?;
-            self.level(level)?;
+            self.memory.halved = Some(2.0);
+            self.level(level, level == 0)?;
+            if level > 0 {
+                self.whole(level)?;
+            }
         }
         Ok(lit)
     }
@@ -156,70 +162,74 @@ impl Descent<'_> {
         };
         for level in (first..=start).rev() {
             if level < start {
-                self.finer(level)?;
+                self.memory.halved = Some(2.0);
+                self.whole(level)?;
             }
             if let Some(radii) = radii {
                 self.relight_level(level, radii);
             }
-            self.level(level)?;
+            self.level(level, false)?;
+            self.whole(level)?;
         }
         Ok(())
     }
 
-    /// Carry the flow over from the next coarser level.
-    fn finer(&mut self, level: usize) -> Result<()> {
+    /// Bring the flow to the size of `level`, if it is of half that size.
+    pub(super) fn whole(&mut self, level: usize) -> Result<()> {
+        let Some(scale) = self.memory.halved.take() else {
+            return Ok(());
+        };
         let plane = &self.prev.levels()[level];
+        let size = (plane.width(), plane.height());
         let Memory { flow, spare, .. } = &mut *self.memory;
         for (flow, spare) in flow.iter_mut().zip(spare) {
-            upsample::upsample(
-                flow,
-                (plane.width(), plane.height()),
-                2.0,
-                spare,
-                &self.options.execution,
-            )?;
+            upsample::upsample(flow, size, scale, spare, &self.options.execution)?;
             std::mem::swap(flow, spare);
         }
         Ok(())
     }
 
-    /// Improve the flow of one level.
-    pub(super) fn level(&mut self, level: usize) -> Result<()> {
-        let execution = &self.options.execution;
-        let recipe = &self.options.recipe;
+    /// Improve the flow of one level. With `may_end_sparse`, flow and energies may be of half the size afterwards.
+    pub(super) fn level(&mut self, level: usize, may_end_sparse: bool) -> Result<()> {
+        let options: &DenseOptions = self.options;
+        let (execution, recipe) = (&options.execution, &options.recipe);
         let of_level = recipe.levels[level.min(recipe.levels.len() - 1)];
-        let centred = self.options.illumination != Illumination::None;
+        let centred = options.illumination != Illumination::None;
         let options = StepOptions {
             radius: of_level.radius,
             centred,
             damping: recipe.damping,
             longest: recipe.longest,
         };
-        let Memory {
-            flow,
-            spare,
-            energy,
-            weights,
-            ..
-        } = &mut *self.memory;
-        let weight = self.weighted.then(|| &weights[level]);
-        let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
         for _ in 0..of_level.cycles {
             for taken in 0..of_level.steps {
                 execution.check()?;
-                let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
+                let last = taken + 1 == of_level.steps;
+                let sparse = taken < of_level.sparse && (may_end_sparse || !last);
+                if !sparse {
+                    self.whole(level)?;
+                }
+                let Memory {
+                    flow: [u, v],
+                    halved,
+                    spare: [to_u, to_v],
+                    energy,
+                    weights,
+                    ..
+                } = &mut *self.memory;
                 let views = Views {
-                    prev,
-                    next,
+                    prev: &self.prev.levels()[level],
+                    next: &self.next.levels()[level],
                     u,
                     v,
-                    weight,
+                    halved: *halved,
+                    weight: self.weighted.then(|| &weights[level]),
                 };
-                let sparse = taken < of_level.sparse;
                 let to = (&mut *to_u, &mut *to_v, &mut *energy);
                 // Distances in pixels of the grid that the step is taken on.
                 let (distance, spacing) = if sparse {
                     step::sparse_step(views, &options, to, execution)?;
+                    *halved = Some(1.0);
                     (of_level.distance.div_ceil(2), of_level.median.div_ceil(2))
                 } else {
                     step::step(views, &options, to, execution)?;
@@ -238,23 +248,24 @@ impl Descent<'_> {
                     std::mem::swap(u, to_u);
                     std::mem::swap(v, to_v);
                 }
-                if sparse {
-                    let size = (prev.width(), prev.height());
-                    upsample::upsample(u, size, 1.0, to_u, execution)?;
-                    upsample::upsample(v, size, 1.0, to_v, execution)?;
-                    std::mem::swap(u, to_u);
-                    std::mem::swap(v, to_v);
-                }
             }
             for _ in 0..of_level.rounds {
                 execution.check()?;
+                self.whole(level)?;
+                let Memory {
+                    flow,
+                    spare,
+                    weights,
+                    ..
+                } = &mut *self.memory;
                 let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
                 let views = Views {
-                    prev,
-                    next,
+                    prev: &self.prev.levels()[level],
+                    next: &self.next.levels()[level],
                     u,
                     v,
-                    weight,
+                    halved: None,
+                    weight: self.weighted.then(|| &weights[level]),
                 };
                 let to = (&mut *to_u, &mut *to_v);
                 refine::round(views, &recipe.refine, centred, to, execution)?;

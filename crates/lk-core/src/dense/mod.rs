@@ -243,6 +243,7 @@ impl DenseFlow {
         }
         let Memory {
             flow: [u, v],
+            halved,
             weights,
             given,
             ..
@@ -252,6 +253,7 @@ impl DenseFlow {
             next: &next.pyramid.levels()[0],
             u,
             v,
+            halved: *halved,
             weight: counted.then(|| &weights[0]),
         };
         let given = weighted.then_some(given);

@@ -129,6 +129,7 @@ impl Descent<'_> {
                 next,
                 u,
                 v,
+                halved: None,
                 weight,
             },
             radii.0,

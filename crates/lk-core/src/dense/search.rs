@@ -58,11 +58,13 @@ impl Descent<'_> {
                 grid.resize(plane.width(), plane.height());
                 grid.fill((value / scale) as f32);
             }
-            self.level(level)?;
+            self.level(level, false)?;
+            self.whole(level)?;
             self.memory.keep_what_fits();
         }
         std::mem::swap(&mut self.memory.flow, &mut self.memory.found);
-        self.level(level)?;
+        self.level(level, false)?;
+        self.whole(level)?;
         let better = self.memory.misfit() < FOUND * before;
         let Memory {
             flow, best, found, ..

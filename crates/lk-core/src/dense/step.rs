@@ -4,7 +4,7 @@
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::for_each_band;
-use crate::simd::{Floats, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
 use super::scratch::with_scratch;
@@ -89,19 +89,30 @@ pub(super) fn sparse_step(
                 for (local, y) in rows.enumerate() {
                     let sums = windows.upper_row(2 * y);
                     let mut to = [u.row_mut(local), v.row_mut(local), energy.row_mut(local)];
-                    let from = [views.u.padded(2 * y), views.v.padded(2 * y)];
+                    let place = if views.halved.is_some() { y } else { 2 * y };
+                    let from = [views.u.padded(place), views.v.padded(place)];
+                    let halved = views.halved;
                     match options.radius {
                         1 => dispatch_lanes(
                             level,
-                            Sparse(Solve::<3>::new(sums, options, from, &mut to)),
+                            Sparse {
+                                solve: Solve::<3>::new(sums, options, from, &mut to),
+                                halved,
+                            },
                         ),
                         2 => dispatch_lanes(
                             level,
-                            Sparse(Solve::<5>::new(sums, options, from, &mut to)),
+                            Sparse {
+                                solve: Solve::<5>::new(sums, options, from, &mut to),
+                                halved,
+                            },
                         ),
                         _ => dispatch_lanes(
                             level,
-                            Sparse(Solve::<7>::new(sums, options, from, &mut to)),
+                            Sparse {
+                                solve: Solve::<7>::new(sums, options, from, &mut to),
+                                halved,
+                            },
                         ),
                     }
                     for row in to {
@@ -176,7 +187,11 @@ impl<F: Floats> Limits<F> {
 }
 
 /// A row of even pixels alone.
-struct Sparse<'a, const N: usize>(Solve<'a, N>);
+struct Sparse<'a, const N: usize> {
+    solve: Solve<'a, N>,
+    /// If the flow before the step is of half the size: what its values are multiplied by.
+    halved: Option<f32>,
+}
 
 impl<const N: usize> LaneKernel for Sparse<'_, N> {
     #[inline(always)]
@@ -186,26 +201,28 @@ impl<const N: usize> LaneKernel for Sparse<'_, N> {
             options,
             from: [from_u, from_v],
             to: [to_u, to_v, to_energy],
-        } = self.0;
+        } = self.solve;
         let count = sums.split.count;
         let reader = Reader::<S, N>::new(s, &sums);
         let limits = Limits::new(s, &options);
-        let from_u = blocks(from_u, PAD, 2 * count);
-        let from_v = blocks(from_v, PAD, 2 * count);
         let to_u = blocks_mut(to_u, PAD, count);
         let to_v = blocks_mut(to_v, PAD, count);
         let to_energy = blocks_mut(to_energy, PAD, count);
+        let scale = s.splat(self.halved.unwrap_or(1.0));
         for i in 0..count {
             let [even, _] = reader.moments(i);
             let [u, v, energy] = limits.solve(even);
-            let (from, _) = s
-                .get(&from_u[2 * i])
-                .deinterleave(s.get(&from_u[2 * i + 1]));
-            (from + u).put(&mut to_u[i]);
-            let (from, _) = s
-                .get(&from_v[2 * i])
-                .deinterleave(s.get(&from_v[2 * i + 1]));
-            (from + v).put(&mut to_v[i]);
+            let (before_u, before_v) = if self.halved.is_some() {
+                let at = PAD + i * LANES;
+                (s.load(from_u, at) * scale, s.load(from_v, at) * scale)
+            } else {
+                let at = PAD + 2 * i * LANES;
+                let (u, _) = s.load(from_u, at).deinterleave(s.load(from_u, at + LANES));
+                let (v, _) = s.load(from_v, at).deinterleave(s.load(from_v, at + LANES));
+                (u, v)
+            };
+            (before_u + u).put(&mut to_u[i]);
+            (before_v + v).put(&mut to_v[i]);
             energy.put(&mut to_energy[i]);
         }
     }

@@ -561,7 +561,7 @@ proptest! {
         for level in Level::available() {
             let execution = Execution::default().threads(2).level(level);
             let (mut to_u, mut to_v, mut energy) = (Grid::default(), Grid::default(), Grid::default());
-            let input = Views { prev: &prev, next: &next, u: &u, v: &v, weight: None };
+            let input = Views { prev: &prev, next: &next, u: &u, v: &v, halved: None, weight: None };
             step::step(input, &options, (&mut to_u, &mut to_v, &mut energy), &execution).unwrap();
             for y in 0..height {
                 for x in 0..width {

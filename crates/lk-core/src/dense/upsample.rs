@@ -23,20 +23,24 @@ pub(super) fn upsample(
         fine.rows_mut(),
         |rows, mut part| {
             for (local, y) in rows.enumerate() {
-                let a = coarse.padded(y / 2);
-                let b = coarse.padded((y / 2 + y % 2).min(coarse.height() - 1));
-                let padded = part.row_mut(local);
-                let half = width.div_ceil(2);
-                let (a, b) = (&a[PAD..PAD + half + 1], &b[PAD..PAD + half + 1]);
-                let (pairs, _) = padded[PAD..].as_chunks_mut::<2>();
-                let pairs = &mut pairs[..half];
-                let (one, two) = (0.5 * scale, 0.25 * scale);
-                for x in 0..half {
-                    let (here, there) = (a[x] + b[x], a[x + 1] + b[x + 1]);
-                    pairs[x] = [one * here, two * (here + there)];
-                }
-                grid::extend(padded, width);
+                row(coarse, y, width, scale, part.row_mut(local));
             }
         },
     )
+}
+
+/// Row `y` of [`upsample`], padded.
+pub(super) fn row(coarse: &Grid, y: usize, width: usize, scale: f32, to: &mut [f32]) {
+    let a = coarse.padded(y / 2);
+    let b = coarse.padded((y / 2 + y % 2).min(coarse.height() - 1));
+    let half = width.div_ceil(2);
+    let (a, b) = (&a[PAD..PAD + half + 1], &b[PAD..PAD + half + 1]);
+    let (pairs, _) = to[PAD..].as_chunks_mut::<2>();
+    let pairs = &mut pairs[..half];
+    let (one, two) = (0.5 * scale, 0.25 * scale);
+    for x in 0..half {
+        let (here, there) = (a[x] + b[x], a[x + 1] + b[x + 1]);
+        pairs[x] = [one * here, two * (here + there)];
+    }
+    grid::extend(to, width);
 }

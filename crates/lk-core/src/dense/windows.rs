@@ -11,6 +11,7 @@ use crate::frame::Plane;
 use crate::simd::{Floats, LANES, LaneKernel, Level, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
+use super::upsample;
 use super::warp::WarpRow;
 
 /// The planes of one level, with the flow between them.
@@ -20,8 +21,27 @@ pub(super) struct Views<'a> {
     pub(super) next: &'a Plane,
     pub(super) u: &'a Grid,
     pub(super) v: &'a Grid,
+    /// If `u` and `v` are of half the size: what their values are multiplied by.
+    pub(super) halved: Option<f32>,
     /// 0 at pixels of `prev` that count for nothing, 1 elsewhere.
     pub(super) weight: Option<&'a Plane>,
+}
+
+impl<'a> Views<'a> {
+    /// Row `y` of u and of v, padded; made in `memory`, of two rows, where they are of half the size.
+    pub(super) fn flow<'b>(&self, y: usize, memory: &'b mut [f32]) -> [&'b [f32]; 2]
+    where
+        'a: 'b,
+    {
+        let Some(scale) = self.halved else {
+            return [self.u.padded(y), self.v.padded(y)];
+        };
+        let width = self.prev.width();
+        let (u, v) = memory.split_at_mut(grid::stride(width));
+        upsample::row(self.u, y, width, scale, u);
+        upsample::row(self.v, y, width, scale, v);
+        [u, v]
+    }
 }
 
 /// Rows that the gradient along y needs.
@@ -71,6 +91,8 @@ pub(super) struct Windows<'a> {
     split: Split,
     /// `NEAR` rows each of the sum of `prev` and warped `next`, of their difference, and of the weight.
     near: [&'a mut [f32]; 3],
+    /// A row of u and of v, where they are of half the size.
+    flow: &'a mut [f32],
     /// Whether the weights of those rows are all 1.
     whole: [bool; NEAR],
     /// `RING` rows.
@@ -92,7 +114,10 @@ impl<'a> Windows<'a> {
     /// Elements of memory for pictures of this width.
     pub(super) fn size(width: usize) -> usize {
         let half = Split::of(width).half;
-        RING * KEPT * 2 * half + 3 * NEAR * grid::stride(width) + 2 * SUMS * 3 * half + 4 * half
+        RING * KEPT * 2 * half
+            + (3 * NEAR + 2) * grid::stride(width)
+            + 2 * SUMS * 3 * half
+            + 4 * half
     }
 
     /// Windows of `2 radius + 1` pixels; with `centred`, their means do not count.
@@ -108,6 +133,7 @@ impl<'a> Windows<'a> {
         let (sum, memory) = memory.split_at_mut(NEAR * stride);
         let (difference, memory) = memory.split_at_mut(NEAR * stride);
         let (weight, memory) = memory.split_at_mut(NEAR * stride);
+        let (flow, memory) = memory.split_at_mut(2 * stride);
         let (ring, memory) = memory.split_at_mut(RING * split.count * KEPT * 2 * LANES);
         let (sums, number) = memory.split_at_mut(2 * SUMS * 3 * split.half);
         // The room beside the rows must be zero; the rest is written before it is read.
@@ -123,6 +149,7 @@ impl<'a> Windows<'a> {
             stride,
             split,
             near: [sum, difference, weight],
+            flow,
             whole: [false; NEAR],
             ring,
             counts: [Counts::Nothing; RING],
@@ -197,12 +224,13 @@ impl<'a> Windows<'a> {
             &mut inside[slot],
         );
         let full = &mut self.whole[y % NEAR];
+        let [u, v] = self.views.flow(y, self.flow);
         let kernel = WarpRow {
             prev: self.views.prev.row(y),
             next: self.views.next,
             y,
-            u: self.views.u.padded(y),
-            v: self.views.v.padded(y),
+            u,
+            v,
             sum: &mut *sum,
             difference,
             inside: &mut *inside,
