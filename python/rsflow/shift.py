@@ -179,12 +179,4 @@ def estimate_shift(
     dx, dy, covariance, gain, offset, residual, status = _core.estimate_shift(
         prev, next, window, mask, illumination, max_displacement
     )
-    return Shift(
-        dx=dx,
-        dy=dy,
-        covariance=np.array(covariance).reshape(2, 2),
-        gain=gain,
-        offset=offset,
-        residual=residual,
-        status=_STATUS[status],
-    )
+    return Shift(dx, dy, covariance, gain, offset, residual, _STATUS[status])
