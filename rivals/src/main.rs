@@ -71,7 +71,7 @@ impl Texture {
     }
 
     /// The texture moved by (dx, dy), in other light, with noise of one grey level.
-    fn frame(&self, (dx, dy): (f64, f64), light: fn(f64) -> f64, seed: u64) -> Array2<u8> {
+    fn frame(&self, (dx, dy): (f64, f64), light: Light, seed: u64) -> Array2<u8> {
         let mut random = Random(seed);
         Array2::from_shape_fn((HEIGHT, WIDTH), |(y, x)| {
             let (x, y) = (x as f64 - dx, y as f64 - dy);
@@ -86,6 +86,9 @@ impl Texture {
         })
     }
 }
+
+/// A change of light, by grey level.
+type Light = fn(f64) -> f64;
 
 /// Where points went; `None` where they were lost.
 type Tracks = Vec<Option<[f32; 2]>>;
@@ -194,7 +197,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             Texture::new(&[(0.25, 1.5), (0.5, 6.0), (0.9, 25.0)]),
         ),
     ];
-    let lights: [(&str, fn(f64) -> f64); 2] =
+    let lights: [(&str, Light); 2] =
         [("steady", |level| level), ("1.1 x", |level| 1.1 * level)];
     println!("| texture, light, points | tracker | ms | median error, px | wrong | found |");
     println!("|---|---|---|---|---|---|");

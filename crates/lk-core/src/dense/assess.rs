@@ -8,8 +8,8 @@ use crate::simd::{Kernel, dispatch};
 
 use super::field::FlowField;
 use super::grid::{self, PAD};
-use super::scratch::with_scratch;
 use super::step::{Band, Results, StepInput, StepOptions};
+use crate::scratch::with_scratch;
 
 /// Half the window.
 const RADIUS: usize = 3;

@@ -17,7 +17,6 @@ mod light;
 mod median;
 mod options;
 mod refine;
-mod scratch;
 mod select;
 mod step;
 mod upsample;

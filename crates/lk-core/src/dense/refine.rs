@@ -15,8 +15,8 @@ use crate::parallel::{RowsMut, for_each_band};
 use crate::simd::{Floats, LANES, LaneKernel, Simd, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
-use super::scratch::with_scratch;
 use super::step::{Band, Results, StepInput, StepOptions};
+use crate::scratch::with_scratch;
 
 /// How a level is refined.
 ///

@@ -12,8 +12,8 @@ use crate::parallel::for_each_band;
 use crate::simd::{Floats, LANES, LaneKernel, Level, Simd, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
-use super::scratch::with_scratch;
 use super::warp::WarpRow;
+use crate::scratch::with_scratch;
 
 /// What a step needs to know besides its planes.
 #[derive(Debug, Clone, Copy)]
