@@ -41,6 +41,7 @@ lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdo
 
 bench: $(VENV)/.package $(VENV)/.test ## Measure speed and accuracy; rewrites the tables of the README
 	cargo bench --workspace --locked
+	cargo run --release --locked --manifest-path rivals/Cargo.toml
 	$(RUN) -m rsflow bench --update README.md
 
 docs: $(VENV)/.package $(VENV)/.docs ## Build the documentation into docs/_build

@@ -70,7 +70,7 @@ def estimate_shift(
     mask: Any | None,
     illumination: str,
     max_displacement: float | None,
-) -> tuple[float, float, tuple[float, float, float, float], float, float, float, int]: ...
+) -> tuple[float, float, NDArray[np.float64], float, float, float, int]: ...
 
 _FlowParts = tuple[
     NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], int

@@ -51,6 +51,17 @@ class MotionSegmentation:
     status : str
         ``"ok"``; ``"first_frame"``, with nothing to compare to; ``"no_camera_motion"`` where the flow does not tell the
         camera's motion. In the last two nothing is moving.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> segmenter = rsflow.MotionSegmenter(camera_motion="moving")
+    >>> for frame in rsflow.synthetic.flight_with_object(frames=4):
+    ...     seen = segmenter.update(frame.image)
+    >>> seen.valid, seen.camera_model, len(seen.objects), bool((seen.labels > 0).sum() == seen.moving.sum())
+    (True, 'translation', 1, True)
+    >>> seen.moving_view().shape == (*seen.moving.shape, 3)
+    True
     """
 
     image: NDArray[Any]

@@ -35,6 +35,16 @@ class FlowField:
         is left after motion and light is small.
     residual : ndarray of float32, shape (H, W)
         Root mean square difference within the pixel's window after motion and light, in grey levels.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> pair = rsflow.synthetic.shifted_pair(2.0, -1.0, size=(96, 64), seed=1)
+    >>> field = rsflow.dense_flow(pair.prev, pair.next)
+    >>> np.asarray(field).shape, np.round(field.mean(), 1).tolist()
+    ((64, 96, 2), [2.0, -1.0])
+    >>> round(float(np.median(field.magnitude[field.valid])), 1)
+    2.2
     """
 
     uv: NDArray[np.float32]

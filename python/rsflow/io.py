@@ -167,6 +167,18 @@ def write_flow(
         If the suffix is not one of these, or a ``.png`` cannot hold so large a displacement.
     OSError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np, pathlib, rsflow, tempfile
+    >>> uv = np.full((4, 6, 2), 1.5, np.float32)
+    >>> uv[0, 0] = np.nan
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "motion.flo")
+    ...     rsflow.write_flow(path, uv)
+    ...     again = rsflow.read_flow(path)
+    >>> np.array_equal(again, uv, equal_nan=True)
+    True
     """
     path = Path(path)
     writer = _WRITERS.get(path.suffix.lower())

@@ -70,6 +70,14 @@ class Shift:
         Root mean square of ``next - prev`` after motion and light, in grey levels; NaN where not valid.
     status : ShiftStatus
         Whether the displacement could be measured, and if not, why.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> blank = np.full((60, 60), 128, np.uint8)
+    >>> shift = rsflow.estimate_shift(blank, blank)
+    >>> shift.valid, shift.status.name, shift.dx, float(shift.covariance[0, 0])
+    (False, 'NO_TEXTURE', nan, inf)
     """
 
     dx: float
@@ -171,12 +179,4 @@ def estimate_shift(
     dx, dy, covariance, gain, offset, residual, status = _core.estimate_shift(
         prev, next, window, mask, illumination, max_displacement
     )
-    return Shift(
-        dx=dx,
-        dy=dy,
-        covariance=np.array(covariance).reshape(2, 2),
-        gain=gain,
-        offset=offset,
-        residual=residual,
-        status=_STATUS[status],
-    )
+    return Shift(dx, dy, covariance, gain, offset, residual, _STATUS[status])

@@ -70,6 +70,16 @@ class Tracks:
         The same in every frame of a `PointTracker`, never used again; otherwise the row.
     ages : ndarray of uint32, shape (N,)
         Frames since a `PointTracker` found the point; otherwise 1.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> pair = rsflow.synthetic.shifted_pair(2.0, -1.0, size=(96, 64), seed=1)
+    >>> tracks = rsflow.track_points(pair.prev, pair.next, [(48, 32), (500, 10)])
+    >>> tracks.valid.tolist(), [rsflow.PointStatus(status).name for status in tracks.status]
+    ([True, False], ['TRACKED', 'OUT_OF_FRAME'])
+    >>> (tracks.points - tracks.origins)[0].round(1).tolist()
+    [2.0, -1.0]
     """
 
     points: NDArray[np.float32]

@@ -2,7 +2,7 @@
 
 use ndarray::ArrayView2;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::parallel::{RowsMut, for_each_band};
 
@@ -159,6 +159,27 @@ impl Plane {
             },
         )
     }
+}
+
+/// Hold the (rows, columns) of the argument `what` to those of what it goes with, which `of` names.
+///
+/// # Errors
+///
+/// [`Error::Shape`] if they differ.
+pub(crate) fn expect_size(
+    what: &'static str,
+    got: (usize, usize),
+    of: &str,
+    expected: (usize, usize),
+) -> Result<()> {
+    if got == expected {
+        return Ok(());
+    }
+    Err(Error::shape(
+        what,
+        format!("{got:?}"),
+        format!("the shape of {of}, {expected:?}"),
+    ))
 }
 
 /// Multiply by `scale`; 1 touches nothing.

@@ -22,6 +22,7 @@ mod parallel;
 mod phase;
 mod pyramid;
 mod sample;
+mod scratch;
 mod shift;
 mod simd;
 mod track;

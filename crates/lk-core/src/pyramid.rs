@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane};
 use crate::parallel::for_each_band;
+use crate::scratch::with_scratch;
 use crate::simd::{Kernel, Level, dispatch};
 
 /// The levels of one frame, the finest first. Memory is kept from frame to frame.
@@ -111,10 +112,11 @@ fn reduce(source: &Plane, target: &mut Plane, execution: &Execution) -> Result<(
         min_rows,
         target.rows_mut(),
         |rows, mut part| {
-            let mut smoothed = vec![0.0f32; source.width() + 4];
-            for (local, y) in rows.enumerate() {
-                reduce_row(level, source, y, &mut smoothed, part.row_mut(local));
-            }
+            with_scratch(source.width() + 4, |smoothed| {
+                for (local, y) in rows.enumerate() {
+                    reduce_row(level, source, y, smoothed, part.row_mut(local));
+                }
+            });
         },
     )
 }

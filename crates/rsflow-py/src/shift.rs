@@ -1,7 +1,8 @@
 //! `estimate_shift` for Python.
 
 use lk_core::{Illumination, Roi, ShiftOptions};
-use numpy::PyReadonlyArray2;
+use ndarray::aview2;
+use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use crate::errors::to_python;
@@ -9,21 +10,21 @@ use crate::frames::{AnyFrame, mask as borrow_mask, pair};
 use crate::interrupt;
 use crate::with_pair;
 
-/// dx, dy, the covariance by rows, gain, offset, residual, status.
-type Fields = (f64, f64, (f64, f64, f64, f64), f64, f64, f64, u8);
+/// dx, dy, the covariance, gain, offset, residual, status.
+type Fields<'py> = (f64, f64, Bound<'py, PyArray2<f64>>, f64, f64, f64, u8);
 
 /// The displacement of a window; see `rsflow.estimate_shift`.
 #[pyfunction]
 #[pyo3(signature = (prev, next, roi, mask, illumination, max_displacement))]
-pub(crate) fn estimate_shift(
-    py: Python<'_>,
+pub(crate) fn estimate_shift<'py>(
+    py: Python<'py>,
     prev: &Bound<'_, PyAny>,
     next: &Bound<'_, PyAny>,
     roi: Option<(usize, usize, usize, usize)>,
     mask: Option<&Bound<'_, PyAny>>,
     illumination: &str,
     max_displacement: Option<f64>,
-) -> PyResult<Fields> {
+) -> PyResult<Fields<'py>> {
     let prev = AnyFrame::new("prev", prev)?;
     let next = AnyFrame::new("next", next)?;
     let views = pair(&prev, &next)?;
@@ -58,11 +59,10 @@ pub(crate) fn estimate_shift(
             &options.execution(execution.clone())
         )
     ))?;
-    let [[xx, xy], [yx, yy]] = shift.covariance;
     Ok((
         shift.dx,
         shift.dy,
-        (xx, xy, yx, yy),
+        PyArray2::from_array(py, &aview2(&shift.covariance)),
         shift.gain,
         shift.offset,
         shift.residual,

@@ -42,6 +42,13 @@ class Frame:
         The same picture in colour, BGR, in the source's own depth; only with ``color=True``.
     name : str
         File name of a picture; empty where frames have no names.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> pictures = np.zeros((3, 48, 64), np.uint8)
+    >>> [(frame.index, frame.t_s, frame.image.shape) for frame in rsflow.frames(pictures, frame_rate=4, start=1)]
+    [(1, 0.25, (48, 64)), (2, 0.5, (48, 64))]
     """
 
     image: NDArray[Any]

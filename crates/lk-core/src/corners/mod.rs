@@ -14,6 +14,7 @@ pub use options::CornerOptions;
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel, Plane};
 use crate::parallel::for_each_band;
+use crate::scratch::with_scratch;
 use response::TensorRows;
 use select::Selection;
 
@@ -71,6 +72,11 @@ impl CornerDetector {
         result
     }
 
+    /// Make room for so many local maxima of the response.
+    pub(crate) fn reserve(&mut self, maxima: usize) {
+        self.selection.reserve(maxima);
+    }
+
     /// The same on a plane, such as the finest level of a pyramid.
     ///
     /// # Errors
@@ -116,10 +122,12 @@ impl CornerDetector {
             min_rows,
             self.response.rows_mut(),
             |rows, mut part| {
-                let mut tensor = TensorRows::new(width, options);
-                for (local, y) in rows.enumerate() {
-                    tensor.respond(plane, y, part.row_mut(local));
-                }
+                with_scratch(TensorRows::room(width, options), |memory| {
+                    let mut tensor = TensorRows::new(width, options, memory);
+                    for (local, y) in rows.enumerate() {
+                        tensor.respond(plane, y, part.row_mut(local));
+                    }
+                });
             },
         )
     }

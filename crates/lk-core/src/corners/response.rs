@@ -6,34 +6,49 @@ use crate::pyramid::mirror;
 use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, dispatch, dispatch_eight};
 
 /// The rows of one band: products of gradients of the last few rows, and their sums.
-pub(super) struct TensorRows {
+pub(super) struct TensorRows<'a> {
     level: Level,
     block: usize,
     harris: Option<f32>,
     width: usize,
     /// Rows of xx, xy, yy, mirrored beyond both ends, in the slot of their index modulo the block.
-    products: Vec<f32>,
+    products: &'a mut [f32],
     /// The next row of products to compute, counted from `-block / 2`.
     next: isize,
-    smooth: Vec<f32>,
-    slope: Vec<f32>,
-    sums: Vec<f32>,
+    smooth: &'a mut [f32],
+    slope: &'a mut [f32],
+    sums: &'a mut [f32],
 }
 
-impl TensorRows {
-    pub(super) fn new(width: usize, options: &CornerOptions) -> Self {
+impl<'a> TensorRows<'a> {
+    /// The size of the memory that rows of `width` pixels take.
+    pub(super) fn room(width: usize, options: &CornerOptions) -> usize {
+        3 * Self::padded(width, options.block_size) * (options.block_size + 1)
+            + 2 * Self::line(width)
+    }
+
+    /// Rows in `memory` of that size.
+    pub(super) fn new(width: usize, options: &CornerOptions, memory: &'a mut [f32]) -> Self {
         let padded = Self::padded(width, options.block_size);
+        let (products, rest) = memory.split_at_mut(3 * padded * options.block_size);
+        let (smooth, rest) = rest.split_at_mut(Self::line(width));
+        let (slope, sums) = rest.split_at_mut(Self::line(width));
         Self {
             level: options.execution.simd_level(),
             block: options.block_size,
             harris: options.harris,
             width,
-            products: vec![0.0; 3 * padded * options.block_size],
+            products,
             next: isize::MIN,
-            smooth: vec![0.0; width.next_multiple_of(EIGHT) + EIGHT],
-            slope: vec![0.0; width.next_multiple_of(EIGHT) + EIGHT],
-            sums: vec![0.0; 3 * padded],
+            smooth,
+            slope,
+            sums,
         }
+    }
+
+    /// A row of gradients along one axis, with what is mirrored on both sides and whole lanes after the end.
+    fn line(width: usize) -> usize {
+        width.next_multiple_of(EIGHT) + EIGHT
     }
 
     /// Columns of a row of products, with what is mirrored on both sides and whole lanes after the end.
@@ -55,9 +70,9 @@ impl TensorRows {
         dispatch(
             self.level,
             SumDown {
-                rows: &self.products,
+                rows: self.products,
                 count: self.block,
-                sums: &mut self.sums,
+                sums: self.sums,
             },
         );
         // Sobel's filters weigh 8 pixels a side; the mean over the block, per pixel squared.
@@ -65,7 +80,7 @@ impl TensorRows {
         dispatch_eight(
             self.level,
             Respond {
-                sums: &self.sums,
+                sums: self.sums,
                 block: self.block,
                 harris: self.harris,
                 scale,
@@ -88,7 +103,7 @@ impl TensorRows {
                 slope: &mut self.slope[1..=width],
             },
         );
-        for line in [&mut self.smooth, &mut self.slope] {
+        for line in [&mut *self.smooth, &mut *self.slope] {
             line[0] = line[1 + mirror(-1, width)];
             line[width + 1] = line[1 + mirror(width as isize, width)];
         }

@@ -32,6 +32,12 @@ impl Candidate {
 }
 
 impl Selection {
+    /// Make room for so many candidates.
+    pub(super) fn reserve(&mut self, maxima: usize) {
+        self.candidates
+            .reserve(maxima.saturating_sub(self.candidates.len()));
+    }
+
     /// Replace `corners` by the best, the best first.
     pub(super) fn choose(
         &mut self,

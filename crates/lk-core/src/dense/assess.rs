@@ -6,13 +6,14 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::parallel::{RowsMut, for_each_band};
+use crate::scratch::with_scratch;
 use crate::simd::{
     Floats, Kernel, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch, dispatch_lanes,
 };
 
 use super::field::FlowField;
 use super::grid::{self, PAD};
-use super::scratch::with_scratch;
+
 use super::windows::{Reader, Sums, Views, Windows};
 
 /// Half the window.

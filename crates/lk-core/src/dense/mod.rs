@@ -19,7 +19,6 @@ mod options;
 mod refine;
 mod relax;
 mod relight;
-mod scratch;
 mod search;
 mod select;
 mod step;

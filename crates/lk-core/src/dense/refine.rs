@@ -12,11 +12,12 @@
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::for_each_band;
+use crate::scratch::with_scratch;
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
 use super::relax::Rows;
-use super::scratch::with_scratch;
+
 use super::windows::{Reader, Sums, Views, Windows};
 
 /// How a level is refined.

@@ -4,10 +4,11 @@
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::for_each_band;
+use crate::scratch::with_scratch;
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
-use super::scratch::with_scratch;
+
 use super::windows::{Moments, Reader, Sums, Views, Windows};
 
 /// What a step needs to know besides its planes.

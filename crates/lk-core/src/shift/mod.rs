@@ -24,7 +24,7 @@ use ndarray::ArrayView2;
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
-use crate::frame::{Frame, Pixel};
+use crate::frame::{Frame, Pixel, expect_size};
 use crate::illumination::Illumination;
 use crate::parallel::on_pool;
 use scratch::with_scratch;
@@ -215,21 +215,9 @@ pub fn estimate_shift<T: Pixel>(
     options: &ShiftOptions,
 ) -> Result<Shift> {
     let (height, width) = prev.dim();
-    if next.dim() != (height, width) {
-        return Err(Error::shape(
-            "next",
-            format!("({}, {})", next.dim().0, next.dim().1),
-            format!("the shape of prev, ({height}, {width})"),
-        ));
-    }
-    if let Some(mask) = mask
-        && mask.dim() != (height, width)
-    {
-        return Err(Error::shape(
-            "mask",
-            format!("({}, {})", mask.dim().0, mask.dim().1),
-            format!("the shape of the frames, ({height}, {width})"),
-        ));
+    expect_size("next", next.dim(), "prev", (height, width))?;
+    if let Some(mask) = mask {
+        expect_size("mask", mask.dim(), "the frames", (height, width))?;
     }
     options.validate(height, width)?;
     let roi = options.roi.unwrap_or(Roi {

@@ -4,6 +4,8 @@
 //! step, whose normal equations belong to the template and are made once a level. The lighting model has its unknowns
 //! in the same least squares.
 
+use std::cell::Cell;
+
 use crate::frame::Plane;
 use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, Packed, dispatch, dispatch_eight};
 use crate::track::noise::Gradients;
@@ -26,10 +28,10 @@ type Basis = [[f32; ROOM]; UNKNOWNS];
 /// Memory of one thread.
 #[derive(Debug)]
 pub(super) struct Aligner {
-    samples: Box<[f32; ROOM]>,
+    samples: [f32; ROOM],
     /// Grey levels of the template, and how much each unknown changes them.
-    template: Box<[f32; ROOM]>,
-    basis: Box<Basis>,
+    template: [f32; ROOM],
+    basis: Basis,
 }
 
 /// What one level is asked.
@@ -61,12 +63,24 @@ pub(super) struct Answer {
     pub(super) gradients: Gradients,
 }
 
+thread_local! {
+    static KEPT: Cell<Option<Box<Aligner>>> = const { Cell::new(None) };
+}
+
 impl Aligner {
-    pub(super) fn new() -> Self {
+    /// Call `work` with memory that the next call of this thread has again.
+    pub(super) fn with<R>(work: impl FnOnce(&mut Self) -> R) -> R {
+        let mut aligner = KEPT.take().unwrap_or_else(|| Box::new(Self::new()));
+        let result = work(&mut aligner);
+        KEPT.set(Some(aligner));
+        result
+    }
+
+    fn new() -> Self {
         Self {
-            samples: Box::new([0.0; _]),
-            template: Box::new([0.0; _]),
-            basis: Box::new([[0.0; ROOM]; _]),
+            samples: [0.0; _],
+            template: [0.0; _],
+            basis: [[0.0; ROOM]; _],
         }
     }
 

@@ -20,6 +20,13 @@ pub(super) struct Grid {
 }
 
 impl Grid {
+    /// Make room for so many points.
+    pub(super) fn reserve(&mut self, points: usize) {
+        // About one cell a point; what is cut off at two borders makes it more.
+        reserve(&mut self.heads, 2 * points + 64);
+        reserve(&mut self.links, points);
+    }
+
     /// Take the points for which `member` is true; they lie within `size`.
     pub(super) fn fill(
         &mut self,
@@ -82,4 +89,9 @@ impl Grid {
             .into_iter()
             .filter(|(distance, _)| distance.is_finite())
     }
+}
+
+/// Make room for `count` elements in all.
+pub(super) fn reserve<T>(memory: &mut Vec<T>, count: usize) {
+    memory.reserve(count.saturating_sub(memory.len()));
 }

@@ -6,7 +6,7 @@
 
 use crate::error::Result;
 use crate::parallel::{RowsMut, for_each_band};
-use crate::track::grid::{Grid, NEIGHBOURS};
+use crate::track::grid::{Grid, NEIGHBOURS, reserve};
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::seeds::Seeds;
 use crate::track::solve::{Problem, Workspace};
@@ -46,6 +46,14 @@ pub(super) fn is_hopeful(status: PointStatus) -> bool {
 }
 
 impl Memory {
+    /// Make room for so many points.
+    pub(crate) fn reserve(&mut self, points: usize) {
+        reserve(&mut self.pending, points);
+        reserve(&mut self.results, points);
+        self.grid.reserve(points);
+        self.deformed.reserve(points);
+    }
+
     /// Try the lost ones of `tracks` again.
     pub(crate) fn retry(
         &mut self,

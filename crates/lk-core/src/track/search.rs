@@ -4,6 +4,7 @@
 //! One patch costs some 0.3 ms, so it is asked of a few points only, from which the others find their way.
 
 use crate::frame::Plane;
+use crate::scratch::with_scratch;
 use crate::simd::{Kernel, Level, dispatch};
 use crate::track::patch::Window;
 use crate::track::warp::{Positions, SampleWarped, Warp};
@@ -45,7 +46,20 @@ pub(super) struct Search<'a> {
     /// The largest displacement in pixels of the level.
     reach: [isize; 2],
     /// One over the deviation of each patch of `next`, times its area's root, by its middle; 0 where it has none.
+    scale: &'a Plane,
+}
+
+/// Memory of a search that is kept from frame to frame.
+#[derive(Debug, Default)]
+pub(super) struct SearchMemory {
     scale: Plane,
+}
+
+impl SearchMemory {
+    /// Make room for any level that is searched.
+    pub(super) fn reserve(&mut self) {
+        self.scale.resize(LONGEST, LONGEST);
+    }
 }
 
 /// The best places so far.
@@ -79,6 +93,7 @@ impl Places {
 
 impl<'a> Search<'a> {
     pub(super) fn new(
+        memory: &'a mut SearchMemory,
         prev: &'a [Plane],
         next: &'a [Plane],
         longest: Option<f32>,
@@ -94,13 +109,14 @@ impl<'a> Search<'a> {
         });
         let reach = [next.width(), next.height()]
             .map(|size| (size as f64 * RANGE).min(limit).ceil() as isize);
+        deviations(next, &mut memory.scale);
         Self {
             prev,
             next,
             level,
             simd,
             reach,
-            scale: deviations(next),
+            scale: &memory.scale,
         }
     }
 
@@ -111,8 +127,7 @@ impl<'a> Search<'a> {
 
     /// Where the patch around `point`, in pixels of the frame, may have gone; the best first. The shifts are in pixels
     /// of the frame, right to about one of the level.
-    pub(super) fn find(&self, point: [f32; 2], found: &mut Vec<Warp>) {
-        found.clear();
+    pub(super) fn find(&self, point: [f32; 2], mut found: impl FnMut(Warp)) {
         let factor = f64::from(1u32 << self.level);
         let centre = point.map(|coordinate| f64::from(coordinate) / factor);
         let whole = centre.map(|coordinate| coordinate.round() as isize);
@@ -132,55 +147,55 @@ impl<'a> Search<'a> {
             list: [(f32::MIN, Warp::shift([0.0; 2])); PLACES],
             count: 0,
         };
-        let mut products = vec![0.0f32; columns];
-        for angle in ANGLES {
-            for scale in SCALES {
-                let (sin, cos) = angle.to_radians().sin_cos();
-                let matrix = [[scale * cos, -scale * sin], [scale * sin, scale * cos]];
-                let warp = Warp {
-                    shift: [0.0; 2],
-                    matrix,
-                };
-                let mut patch = [0.0f32; AREA];
-                // The pixel of `prev` that comes to stand at each pixel of the patch in `next`.
-                dispatch(
-                    self.simd,
-                    SampleWarped {
-                        plane: self.prev,
-                        positions: Positions::around(centre, warp.inverse().matrix, PATCH, 0),
-                        to: &mut patch,
-                    },
-                );
-                if !normalise(&mut patch) {
-                    continue;
-                }
-                for row in 0..rows {
-                    let y = top + row;
+        with_scratch(columns, |products| {
+            for angle in ANGLES {
+                for scale in SCALES {
+                    let (sin, cos) = angle.to_radians().sin_cos();
+                    let matrix = [[scale * cos, -scale * sin], [scale * sin, scale * cos]];
+                    let warp = Warp {
+                        shift: [0.0; 2],
+                        matrix,
+                    };
+                    let mut patch = [0.0f32; AREA];
+                    // The pixel of `prev` that comes to stand at each pixel of the patch in `next`.
                     dispatch(
                         self.simd,
-                        Correlate {
-                            next: self.next,
-                            patch: &patch,
-                            first: (left - SIDE / 2, y - SIDE / 2),
-                            products: &mut products,
+                        SampleWarped {
+                            plane: self.prev,
+                            positions: Positions::around(centre, warp.inverse().matrix, PATCH, 0),
+                            to: &mut patch,
                         },
                     );
-                    let scales = &self.scale.row(y)[left..][..columns];
-                    for (column, (product, scale)) in products.iter().zip(scales).enumerate() {
-                        let correlation = product * scale;
-                        if correlation > LEAST_CORRELATION {
-                            let shift = [(left + column) as f64 - centre[0], y as f64 - centre[1]];
-                            places.add(correlation, Warp { shift, matrix });
+                    if !normalise(&mut patch) {
+                        continue;
+                    }
+                    for row in 0..rows {
+                        let y = top + row;
+                        dispatch(
+                            self.simd,
+                            Correlate {
+                                next: self.next,
+                                patch: &patch,
+                                first: (left - SIDE / 2, y - SIDE / 2),
+                                products: &mut *products,
+                            },
+                        );
+                        let scales = &self.scale.row(y)[left..][..columns];
+                        for (column, (product, scale)) in products.iter().zip(scales).enumerate() {
+                            let correlation = product * scale;
+                            if correlation > LEAST_CORRELATION {
+                                let shift =
+                                    [(left + column) as f64 - centre[0], y as f64 - centre[1]];
+                                places.add(correlation, Warp { shift, matrix });
+                            }
                         }
                     }
                 }
             }
+        });
+        for (_, warp) in &places.list[..places.count] {
+            found(warp.scaled(factor));
         }
-        found.extend(
-            places.list[..places.count]
-                .iter()
-                .map(|(_, warp)| warp.scaled(factor)),
-        );
     }
 }
 
@@ -201,9 +216,10 @@ fn normalise(patch: &mut [f32; AREA]) -> bool {
 }
 
 /// One over the length of each patch of `plane` without its mean, by its middle.
-fn deviations(plane: &Plane) -> Plane {
+fn deviations(plane: &Plane, lengths: &mut Plane) {
     let (width, height) = (plane.width(), plane.height());
-    let mut lengths = Plane::new(width, height);
+    lengths.resize(width, height);
+    lengths.data_mut().fill(0.0);
     let half = SIDE / 2;
     for y in half..height.saturating_sub(half) {
         for x in half..width.saturating_sub(half) {
@@ -222,7 +238,6 @@ fn deviations(plane: &Plane) -> Plane {
             }
         }
     }
-    lengths
 }
 
 /// The products of a patch with those of a row, from the one with its top left pixel at `first` on.

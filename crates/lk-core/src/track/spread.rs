@@ -8,9 +8,9 @@ use crate::parallel::{RowsMut, for_each_band};
 use crate::track::affine::Aligner;
 use crate::track::deform::{Found, Starts};
 use crate::track::doubt::doubt;
-use crate::track::grid::{Grid, NEIGHBOURS};
+use crate::track::grid::{Grid, NEIGHBOURS, reserve};
 use crate::track::options::TrackedPoint;
-use crate::track::search::Search;
+use crate::track::search::{Search, SearchMemory};
 use crate::track::solve::Problem;
 use crate::track::warp::Warp;
 
@@ -60,8 +60,11 @@ struct State {
 pub(super) struct Deformed {
     states: Vec<State>,
     open: Vec<u32>,
+    /// The open points while a few of them are searched for.
+    waiting: Vec<u32>,
     found: Vec<Attempt>,
     grid: Grid,
+    search: SearchMemory,
 }
 
 /// A try for one point.
@@ -74,6 +77,17 @@ struct Attempt {
 }
 
 impl Deformed {
+    /// Make room for so many points.
+    pub(super) fn reserve(&mut self, points: usize) {
+        reserve(&mut self.states, points);
+        reserve(&mut self.open, points);
+        reserve(&mut self.waiting, points);
+        reserve(&mut self.found, points);
+        self.grid.reserve(points);
+        self.search.reserve();
+        Aligner::with(|_| ());
+    }
+
     /// Look again for the points of `tracks` that are lost or doubtful.
     pub(super) fn find(
         &mut self,
@@ -103,7 +117,9 @@ impl Deformed {
         let side = problem.options.window_side() as f32;
         let reach = (REACH * side) * (REACH * side);
         self.spread(problem, points, tracks, reach)?;
+        let mut memory = std::mem::take(&mut self.search);
         let search = Search::new(
+            &mut memory,
             problem.prev,
             problem.next,
             problem.options.max_displacement,
@@ -115,6 +131,7 @@ impl Deformed {
             }
             self.spread(problem, points, tracks, reach)?;
         }
+        self.search = memory;
         self.confirm(problem, points, tracks);
         Ok(())
     }
@@ -213,7 +230,8 @@ impl Deformed {
                 chosen[cell] = (tries, distance, *index);
             }
         }
-        let all = std::mem::take(&mut self.open);
+        std::mem::swap(&mut self.open, &mut self.waiting);
+        self.open.clear();
         self.open.extend(
             chosen
                 .iter()
@@ -224,11 +242,7 @@ impl Deformed {
         let take = |states: &[State], _: &Grid, index: usize, aligner: &mut Aligner| {
             let point = points[index];
             let mut starts = Starts::new();
-            let mut places = Vec::new();
-            search.find(point, &mut places);
-            for warp in places {
-                starts.add(warp, search.level());
-            }
+            search.find(point, |warp| starts.add(warp, search.level()));
             let state = &states[index];
             Attempt {
                 tried: true,
@@ -239,7 +253,7 @@ impl Deformed {
         };
         let new = self.run(problem, tracks, take)?;
         let states = &self.states;
-        self.open = all;
+        std::mem::swap(&mut self.open, &mut self.waiting);
         self.open
             .retain(|index| states[*index as usize].warp.is_none());
         Ok(new > 0)
@@ -269,10 +283,11 @@ impl Deformed {
             MIN_POINTS,
             RowsMut::new(&mut self.found, 1),
             |range, part| {
-                let mut aligner = Aligner::new();
-                for (attempt, entry) in part.data.iter_mut().zip(range) {
-                    *attempt = take(states, grid, open[entry] as usize, &mut aligner);
-                }
+                Aligner::with(|aligner| {
+                    for (attempt, entry) in part.data.iter_mut().zip(range) {
+                        *attempt = take(states, grid, open[entry] as usize, aligner);
+                    }
+                });
             },
         )?;
         let mut kept = 0;

@@ -6,6 +6,7 @@ use crate::corners::{Corner, CornerDetector, CornerOptions};
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel};
 use crate::pyramid::Pyramid;
+use crate::track::grid::reserve;
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
 use crate::track::retry::Memory;
 use crate::track::{Guesses, masked, track_keeping};
@@ -18,6 +19,9 @@ const CUT_POINTS: usize = 8;
 
 /// Share of the wanted points below which new ones are sought.
 const REFILL_SHARE: f32 = 0.9;
+
+/// There are hardly more local maxima of the response than one in so many pixels.
+const PIXELS_A_CORNER: usize = 8;
 
 /// One row of what [`PointTracker::update`] gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,7 +43,7 @@ struct Alive {
 }
 
 /// Tracks points from frame to frame. Each pyramid is built once, and after the second frame of a size nothing is
-/// allocated.
+/// allocated on one thread, but where a tenth of the points is lost at once and the frames are correlated.
 ///
 /// ```
 /// use lk_core::{CornerOptions, PointTracker, TrackOptions};
@@ -145,6 +149,9 @@ impl PointTracker {
                 format!("the shape of the frame, ({height}, {width})"),
             ));
         }
+        if self.size.is_none() {
+            self.reserve(width * height);
+        }
         let levels = self.options.levels_for(width, height);
         self.next.rebuild(frame, levels, &self.options.execution)?;
         if self.size.is_some() {
@@ -168,6 +175,22 @@ impl PointTracker {
         self.size = Some((height, width));
         std::mem::swap(&mut self.prev, &mut self.next);
         Ok(&self.rows)
+    }
+
+    /// Make room for all points of frames of so many pixels, so that later frames allocate nothing.
+    fn reserve(&mut self, pixels: usize) {
+        let points = match self.corner_options.max_corners {
+            0 => pixels / PIXELS_A_CORNER,
+            corners => corners,
+        };
+        reserve(&mut self.corners, points);
+        reserve(&mut self.alive, points);
+        reserve(&mut self.points, points);
+        reserve(&mut self.tracks, points);
+        // Those that were lost and those that replace them.
+        reserve(&mut self.rows, 2 * points);
+        self.memory.reserve(points);
+        self.detector.reserve(pixels / PIXELS_A_CORNER);
     }
 
     /// Write a row for each old point, and keep those that live.

@@ -9,7 +9,7 @@ thread_local! {
 /// Call `work` with `size` elements of unspecified content that belong to this thread.
 ///
 /// `work` must not call it again.
-pub(super) fn with_scratch<R>(size: usize, work: impl FnOnce(&mut [f32]) -> R) -> R {
+pub(crate) fn with_scratch<R>(size: usize, work: impl FnOnce(&mut [f32]) -> R) -> R {
     MEMORY.with_borrow_mut(|memory| {
         if memory.len() < size {
             memory.resize(size, 0.0);
