@@ -1,6 +1,8 @@
 //! Properties of the whole, and the parts against a plain reference in f64.
 
 mod greys;
+mod refinement;
+mod scenes;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -468,13 +470,16 @@ fn at(grid: &Grid, y: isize, x: isize) -> f32 {
     grid.row(clamp(y, grid.height()))[clamp(x, grid.width())]
 }
 
-/// One step at one pixel by its definition, in f64: (u, v, energy).
-fn reference_step(
-    (prev, next): (&Plane, &Plane),
-    (u, v): (&Grid, &Grid),
-    options: &StepOptions,
+/// What a window says, by its definition, in f64: pixels that count, then the means gx gx, gx gy, gy gy, gx d, gy d, d d.
+fn reference_moments(
+    views: Views<'_>,
+    radius: usize,
+    centred: bool,
     (y, x): (usize, usize),
-) -> (f64, f64, f64) {
+) -> [f64; 7] {
+    let Views {
+        prev, next, u, v, ..
+    } = views;
     let (width, height) = (prev.width(), prev.height());
     let sample = |x: f64, y: f64| {
         let (x, y) = (
@@ -487,10 +492,11 @@ fn reference_step(
         (1.0 - fy) * ((1.0 - fx) * value(0, 0) + fx * value(0, 1))
             + fy * ((1.0 - fx) * value(1, 0) + fx * value(1, 1))
     };
+    // The place is rounded to f32 as the fast one is: at a border that decides what counts.
     let place = |y: usize, x: usize| {
         (
-            x as f64 + f64::from(u.row(y)[x]),
-            y as f64 + f64::from(v.row(y)[x]),
+            f64::from(x as f32 + u.row(y)[x]),
+            f64::from(y as f32 + v.row(y)[x]),
         )
     };
     let warped = |y: usize, x: usize| {
@@ -499,8 +505,8 @@ fn reference_step(
     };
     let both = |y: usize, x: usize| f64::from(prev.row(y)[x]) + warped(y, x);
     let mut window = Vec::new();
-    for y in y.saturating_sub(options.radius)..(y + options.radius + 1).min(height) {
-        for x in x.saturating_sub(options.radius)..(x + options.radius + 1).min(width) {
+    for y in y.saturating_sub(radius)..(y + radius + 1).min(height) {
+        for x in x.saturating_sub(radius)..(x + radius + 1).min(width) {
             let (at_x, at_y) = place(y, x);
             if at_x < 0.0 || at_y < 0.0 || at_x > (width - 1) as f64 || at_y > (height - 1) as f64 {
                 continue;
@@ -512,7 +518,7 @@ fn reference_step(
     }
     let n = window.len().max(1) as f64;
     let mean = |k: usize| {
-        if options.centred {
+        if centred {
             window.iter().map(|q| q[k]).sum::<f64>() / n
         } else {
             0.0
@@ -526,14 +532,33 @@ fn reference_step(
             .sum::<f64>()
             / n
     };
+    [
+        window.len() as f64,
+        cov(0, 0),
+        cov(0, 1),
+        cov(1, 1),
+        cov(0, 2),
+        cov(1, 2),
+        cov(2, 2),
+    ]
+}
+
+/// One step at one pixel by its definition, in f64: (u, v, energy).
+fn reference_step(
+    views: Views<'_>,
+    options: &StepOptions,
+    (y, x): (usize, usize),
+) -> (f64, f64, f64) {
+    let [_, xx, xy, yy, xd, yd, dd] =
+        reference_moments(views, options.radius, options.centred, (y, x));
     let damping = f64::from(options.damping);
-    let (xx, xy, yy) = (cov(0, 0) + damping, cov(0, 1), cov(1, 1) + damping);
+    let (xx, yy) = (xx + damping, yy + damping);
     let det = xx * yy - xy * xy;
     let limit = |step: f64| step.clamp(-f64::from(options.longest), f64::from(options.longest));
     (
-        f64::from(u.row(y)[x]) + limit((xy * cov(1, 2) - yy * cov(0, 2)) / det),
-        f64::from(v.row(y)[x]) + limit((xy * cov(0, 2) - xx * cov(1, 2)) / det),
-        cov(2, 2),
+        f64::from(views.u.row(y)[x]) + limit((xy * yd - yy * xd) / det),
+        f64::from(views.v.row(y)[x]) + limit((xy * xd - xx * yd) / det),
+        dd,
     )
 }
 
@@ -565,7 +590,7 @@ proptest! {
             step::step(input, &options, (&mut to_u, &mut to_v, &mut energy), &execution).unwrap();
             for y in 0..height {
                 for x in 0..width {
-                    let want = reference_step((&prev, &next), (&u, &v), &options, (y, x));
+                    let want = reference_step(input, &options, (y, x));
                     prop_assert!((f64::from(to_u.row(y)[x]) - want.0).abs() < 2e-2, "{} {}", to_u.row(y)[x], want.0);
                     prop_assert!((f64::from(to_v.row(y)[x]) - want.1).abs() < 2e-2);
                     let lost = energy.row(y)[x] == f32::MAX && want.2 == 0.0;

@@ -1,0 +1,202 @@
+//! A round of refinement, sparse steps and the ways of sampling, against plain references.
+
+use proptest::prelude::*;
+
+use super::super::grid::Grid;
+use super::super::options::RefineRecipe;
+use super::super::step::StepOptions;
+use super::super::windows::Views;
+use super::super::{refine, step, upsample};
+use super::{at, noise, plane, reference_moments};
+use crate::Execution;
+use crate::simd::Level;
+
+/// One round at all pixels by its definition, in f64.
+fn reference_round(views: Views<'_>, recipe: &RefineRecipe, centred: bool) -> Vec<[f64; 2]> {
+    let (width, height) = (views.prev.width(), views.prev.height());
+    let index = |y: usize, x: usize| y * width + x;
+    let square = |value: f32| f64::from(value) * f64::from(value);
+    let mut flow = Vec::new();
+    let (mut smooth, mut system) = (Vec::new(), Vec::new());
+    for y in 0..height {
+        for x in 0..width {
+            let (u, v) = (f64::from(views.u.row(y)[x]), f64::from(views.v.row(y)[x]));
+            flow.push([u, v]);
+            let [_, xx, xy, yy, xd, yd, dd] =
+                reference_moments(views, recipe.radius, centred, (y, x));
+            let (row, column) = (y as isize, x as isize);
+            let slopes: f64 = [views.u, views.v]
+                .iter()
+                .map(|grid| {
+                    let value = |dy, dx| f64::from(at(grid, row + dy, column + dx));
+                    let across = 0.5 * (value(0, 1) - value(0, -1));
+                    let down = 0.5 * (value(1, 0) - value(-1, 0));
+                    across * across + down * down
+                })
+                .sum();
+            let strength = 0.5 * f64::from(recipe.alpha) * square(recipe.edge);
+            let spread = (slopes + square(recipe.smooth_epsilon)).sqrt();
+            smooth.push(strength / ((square(recipe.edge) + xx + yy) * spread));
+            let share = 1.0 / (xx + yy + f64::from(recipe.ground));
+            let data = share / (dd.max(0.0) * share + square(recipe.data_epsilon)).sqrt();
+            system.push([
+                xx * data,
+                xy * data,
+                yy * data,
+                (xx * u + xy * v - xd) * data,
+                (xy * u + yy * v - yd) * data,
+            ]);
+        }
+    }
+    let mirrored = |place: usize, step: isize, size: usize| {
+        let moved = place as isize + step;
+        if moved < 0 {
+            1
+        } else if moved == size as isize {
+            size - 2
+        } else {
+            moved as usize
+        }
+    };
+    for half in 0..2 * recipe.sweeps {
+        for y in 0..height {
+            for x in 0..width {
+                if (x + y) % 2 != half % 2 {
+                    continue;
+                }
+                let here = index(y, x);
+                let [a, b, c, bu, bv] = system[here];
+                let (mut joined, mut right) = (0.0, [bu, bv]);
+                for near in [
+                    index(y, mirrored(x, -1, width)),
+                    index(y, mirrored(x, 1, width)),
+                    index(mirrored(y, -1, height), x),
+                    index(mirrored(y, 1, height), x),
+                ] {
+                    let joint = smooth[here] + smooth[near];
+                    joined += joint;
+                    right[0] += joint * flow[near][0];
+                    right[1] += joint * flow[near][1];
+                }
+                let (a, c) = (a + joined, c + joined);
+                let det = a * c - b * b;
+                let solved = [
+                    (c * right[0] - b * right[1]) / det,
+                    (a * right[1] - b * right[0]) / det,
+                ];
+                let relaxation = f64::from(recipe.relaxation);
+                for axis in 0..2 {
+                    let now = flow[here][axis];
+                    flow[here][axis] = now + relaxation * (solved[axis] - now);
+                }
+            }
+        }
+    }
+    flow
+}
+
+/// A flow that is even but for a slope and `rough` noise: sixteen places beside each other, nearly so, or anywhere.
+fn gentle(width: usize, height: usize, seed: u32, slope: f32, rough: f32) -> Grid {
+    let mut grid = noise(width, height, seed, rough);
+    let start = (seed % 7) as f32 - 3.0;
+    for y in 0..height {
+        let row = grid.padded_mut(y);
+        for x in 0..width {
+            row[super::super::grid::PAD + x] += start + slope * (x + y) as f32;
+        }
+        super::super::grid::extend(row, width);
+    }
+    grid
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn a_round_relaxes_what_its_definition_says(
+        width in 2usize..70, height in 2usize..40, seed in any::<u32>(), radius in 1usize..4, sweeps in 1usize..5,
+        centred in any::<bool>(), threads in 1usize..4
+    ) {
+        let (prev, next) = (noise(width, height, seed, 1.0), noise(width, height, seed ^ 0x5555, 1.0));
+        let (prev, next) = (plane(&prev, 40.0), plane(&next, 40.0));
+        let (u, v) = (noise(width, height, seed ^ 1, 1.5), noise(width, height, seed ^ 2, 1.5));
+        let views = Views { prev: &prev, next: &next, u: &u, v: &v, halved: None, weight: None };
+        let recipe = RefineRecipe { radius, sweeps, ..RefineRecipe::default() };
+        let want = reference_round(views, &recipe, centred);
+        for level in Level::available() {
+            let (mut to_u, mut to_v) = (Grid::default(), Grid::default());
+            let execution = Execution::default().threads(threads).level(level);
+            refine::round(views, &recipe, centred, (&mut to_u, &mut to_v), &execution).unwrap();
+            for y in 0..height {
+                for x in 0..width {
+                    let want = want[y * width + x];
+                    prop_assert!((f64::from(to_u.row(y)[x]) - want[0]).abs() < 5e-3, "{} {}", to_u.row(y)[x], want[0]);
+                    prop_assert!((f64::from(to_v.row(y)[x]) - want[1]).abs() < 5e-3);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_sparse_step_is_the_step_at_even_pixels(
+        width in 2usize..70, height in 2usize..30, seed in any::<u32>(), radius in 1usize..4, halved in any::<bool>()
+    ) {
+        let (prev, next) = (noise(width, height, seed, 1.0), noise(width, height, seed ^ 0x5555, 1.0));
+        let (prev, next) = (plane(&prev, 40.0), plane(&next, 40.0));
+        let size = if halved { (width.div_ceil(2), height.div_ceil(2)) } else { (width, height) };
+        let (u, v) = (noise(size.0, size.1, seed ^ 1, 1.5), noise(size.0, size.1, seed ^ 2, 1.5));
+        let (mut whole_u, mut whole_v) = (Grid::default(), Grid::default());
+        if halved {
+            let execution = Execution::default();
+            upsample::upsample(&u, (width, height), 2.0, &mut whole_u, &execution).unwrap();
+            upsample::upsample(&v, (width, height), 2.0, &mut whole_v, &execution).unwrap();
+        }
+        let options = StepOptions { radius, centred: true, damping: 1.0, longest: 1.0 };
+        let plain = Views { prev: &prev, next: &next, u: &u, v: &v, halved: None, weight: None };
+        let (whole, sparse) = if halved {
+            (Views { u: &whole_u, v: &whole_v, ..plain }, Views { halved: Some(2.0), ..plain })
+        } else {
+            (plain, plain)
+        };
+        for level in Level::available() {
+            let execution = Execution::default().threads(2).level(level);
+            let [mut a, mut b, mut c, mut d, mut e, mut f] = <[Grid; 6]>::default();
+            step::step(whole, &options, (&mut a, &mut b, &mut c), &execution).unwrap();
+            step::sparse_step(sparse, &options, (&mut d, &mut e, &mut f), &execution).unwrap();
+            prop_assert_eq!((d.width(), d.height()), (width.div_ceil(2), height.div_ceil(2)));
+            for y in 0..d.height() {
+                for x in 0..d.width() {
+                    for (whole, sparse) in [(&a, &d), (&b, &e), (&c, &f)] {
+                        let (want, got) = (whole.row(2 * y)[2 * x], sparse.row(y)[x]);
+                        prop_assert!(want.to_bits() == got.to_bits(), "{x} {y}: {want} {got}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_way_of_sampling_gives_the_least_squares(
+        width in 20usize..90, height in 4usize..20, seed in any::<u32>(), slope in 0usize..3, rough in 0usize..3
+    ) {
+        let (prev, next) = (noise(width, height, seed, 1.0), noise(width, height, seed ^ 0x5555, 1.0));
+        let (prev, next) = (plane(&prev, 40.0), plane(&next, 40.0));
+        let (slope, rough) = ([0.0, 0.01, 0.06][slope], [0.0, 0.05, 0.6][rough]);
+        let u = gentle(width, height, seed ^ 1, slope, rough);
+        let v = gentle(width, height, seed ^ 2, -slope, rough);
+        let options = StepOptions { radius: 2, centred: true, damping: 1.0, longest: 1.0 };
+        let views = Views { prev: &prev, next: &next, u: &u, v: &v, halved: None, weight: None };
+        for level in Level::available() {
+            let execution = Execution::default().threads(1).level(level);
+            let [mut to_u, mut to_v, mut energy] = <[Grid; 3]>::default();
+            step::step(views, &options, (&mut to_u, &mut to_v, &mut energy), &execution).unwrap();
+            for y in 0..height {
+                for x in 0..width {
+                    let want = super::reference_step(views, &options, (y, x));
+                    prop_assert!((f64::from(to_u.row(y)[x]) - want.0).abs() < 2e-2, "{} {}", to_u.row(y)[x], want.0);
+                    prop_assert!((f64::from(to_v.row(y)[x]) - want.1).abs() < 2e-2);
+                }
+            }
+        }
+    }
+}
