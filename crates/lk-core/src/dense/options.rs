@@ -129,9 +129,9 @@ impl Recipe {
                 )
             }
             Preset::Balanced => {
-                let coarse = level(5, 2, 2, 3);
+                let coarse = level(6, 3, 2, 3);
                 (
-                    [level(2, 1, 0, 3), level(3, 1, 1, 3), coarse, coarse],
+                    [level(1, 1, 1, 3), level(3, 1, 1, 3), coarse, coarse],
                     0.9,
                     3,
                 )
