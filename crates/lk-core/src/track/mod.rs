@@ -191,18 +191,19 @@ fn track_keeping(
         MIN_POINTS,
         RowsMut::new(tracks, 1),
         |range, part| {
-            let mut workspace = Workspace::new();
-            for (track, index) in part.data.iter_mut().zip(range) {
-                let point = points[index];
-                if mask.is_some_and(|mask| masked(mask, point)) {
-                    *track = TrackedPoint::lost(PointStatus::Masked);
-                    continue;
+            Workspace::with(|workspace| {
+                for (track, index) in part.data.iter_mut().zip(range) {
+                    let point = points[index];
+                    if mask.is_some_and(|mask| masked(mask, point)) {
+                        *track = TrackedPoint::lost(PointStatus::Masked);
+                        continue;
+                    }
+                    let start = initial.map_or([0.0; 2], |initial| {
+                        [initial[index][0] - point[0], initial[index][1] - point[1]]
+                    });
+                    *track = problem.track(point, start, workspace);
                 }
-                let start = initial.map_or([0.0; 2], |initial| {
-                    [initial[index][0] - point[0], initial[index][1] - point[1]]
-                });
-                *track = problem.track(point, start, &mut workspace);
-            }
+            });
         },
     )?;
     memory.retry(&problem, points, tracks)?;
