@@ -93,14 +93,12 @@ impl Frames {
         )
     }
 
-    /// Whether both frames are the same, and repeat nowhere: what repeats may have moved by a period.
+    /// Whether both frames are the same.
     pub fn still(&self) -> bool {
-        let once = match &self.content {
-            Content::Still(_) | Content::Flat(_) => true,
-            Content::Bytes(bytes) => bytes.len() >= self.size().0 * self.size().1,
-            Content::Scene(_) | Content::Noise(_) | Content::Stripes(_) => false,
-        };
-        once && self.odd.is_empty()
+        matches!(
+            self.content,
+            Content::Still(_) | Content::Flat(_) | Content::Bytes(_)
+        ) && self.odd.is_empty()
     }
 
     /// The motion, where the frames are a scene whose grey levels this pixel type holds.

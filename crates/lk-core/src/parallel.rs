@@ -228,6 +228,22 @@ where
     Ok(())
 }
 
+/// Call `work` where [`for_each_band`] with the same setting hands nothing over from outside of its pool: what calls it
+/// several times saves as many wake-ups.
+///
+/// # Errors
+///
+/// [`Error::Threads`] if no pool could be started.
+pub(crate) fn within_pool<R: Send>(
+    execution: &Execution,
+    work: impl FnOnce() -> Result<R> + Send,
+) -> Result<R> {
+    match execution.num_threads() {
+        1 => work(),
+        threads => pool(threads)?.install(work),
+    }
+}
+
 fn halve<S, F>(
     execution: &Execution,
     rows: Range<usize>,

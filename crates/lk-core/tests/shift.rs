@@ -209,6 +209,23 @@ proptest! {
     }
 
     #[test]
+    fn what_was_measured_before_changes_no_bit(
+        seed in 0u32..10_000, width in 20usize..120, height in 20usize..120,
+        other in (20usize..120, 20usize..120), d in (-4.0f64..4.0, -4.0f64..4.0)
+    ) {
+        let (prev, next) = pair(seed, (height, width), d, 0.9, 3.0);
+        let fresh = std::thread::scope(|scope| {
+            scope.spawn(|| format!("{:?}", estimate(&prev, &next))).join().unwrap()
+        });
+        // Memory is kept from call to call: fill it with another window, with pixels left out.
+        let (mut a, b) = pair(seed + 1, other, (1.3, -0.4), 1.2, 0.0);
+        a[(other.0 / 2, other.1 / 2)] = f32::NAN;
+        let mask = Array2::from_shape_fn(other, |(y, x)| (y + 2 * x) % 11 != 0);
+        estimate_shift(a.view(), b.view(), Some(mask.view()), &ShiftOptions::default()).unwrap();
+        prop_assert_eq!(format!("{:?}", estimate(&prev, &next)), fresh);
+    }
+
+    #[test]
     fn any_stride_is_read_alike(seed in 0u32..10_000, d in (-3.0f64..3.0, -3.0f64..3.0)) {
         let (prev, next) = pair(seed, (90, 100), d, 1.0, 0.0);
         let slice = s![5..85;2, 10..90;-2];

@@ -32,7 +32,8 @@ MOTION = {
     "camera_dy_px": "the same, downwards",
     "camera_rotation_rad": "its rotation about the line of sight, clockwise as seen",
     "camera_scale": "its magnification",
-    "camera_model": "what the dense flow needed for it: translation, similarity, affine, homography; static, none",
+    "camera_model": "what the dense flow needed for it: translation, similarity, affine, homography, "
+    "with +parallax where the scene was seen to have depth; static, none",
     "status": "ok, or why the displacement was not measured",
     "segmentation_status": "ok, or why moving and static were not told apart",
 }

@@ -81,7 +81,7 @@ def _segmentation_columns(segmentation: Any, shape: tuple[int, ...]) -> dict[str
     names = ("camera_dx_px", "camera_dy_px", "camera_rotation_rad", "camera_scale")
     row: dict[str, Any] = {
         "segmentation_status": status_word(segmentation.status),
-        "camera_model": segmentation.camera_model,
+        "camera_model": segmentation.camera_model + ("+parallax" if segmentation.parallax else ""),
     }
     if not segmentation.valid:
         return row | dict.fromkeys(("moving_share", *names), math.nan)

@@ -35,7 +35,7 @@ pub use stream::{PointTracker, StreamPoint};
 
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel};
-use crate::parallel::{RowsMut, for_each_band};
+use crate::parallel::{RowsMut, for_each_band, within_pool};
 use crate::pyramid::Pyramid;
 use retry::Memory;
 use solve::{Problem, Workspace};
@@ -68,14 +68,20 @@ pub fn track_points<T: Pixel>(
             format!("the shape of prev, ({height}, {width})"),
         ));
     }
-    let levels = options.levels_for(width, height);
     let mut kept = KEPT.take();
-    kept.prev.rebuild(prev, levels, &options.execution)?;
-    kept.next.rebuild(next, levels, &options.execution)?;
     let mut tracks = Vec::new();
     let guesses = Guesses { initial, mask };
-    let Kept { prev, next, memory } = &mut kept;
-    track_keeping(prev, next, points, guesses, options, memory, &mut tracks)?;
+    let (levels, memory) = (options.levels_for(width, height), &mut kept);
+    within_pool(&options.execution, || {
+        let Kept {
+            prev: before,
+            next: after,
+            memory,
+        } = memory;
+        before.rebuild(prev, levels, &options.execution)?;
+        after.rebuild(next, levels, &options.execution)?;
+        track_keeping(before, after, points, guesses, options, memory, &mut tracks)
+    })?;
     if width * height <= LARGEST_KEPT {
         KEPT.set(kept);
     }
@@ -191,18 +197,19 @@ fn track_keeping(
         MIN_POINTS,
         RowsMut::new(tracks, 1),
         |range, part| {
-            let mut workspace = Workspace::new();
-            for (track, index) in part.data.iter_mut().zip(range) {
-                let point = points[index];
-                if mask.is_some_and(|mask| masked(mask, point)) {
-                    *track = TrackedPoint::lost(PointStatus::Masked);
-                    continue;
+            Workspace::with(|workspace| {
+                for (track, index) in part.data.iter_mut().zip(range) {
+                    let point = points[index];
+                    if mask.is_some_and(|mask| masked(mask, point)) {
+                        *track = TrackedPoint::lost(PointStatus::Masked);
+                        continue;
+                    }
+                    let start = initial.map_or([0.0; 2], |initial| {
+                        [initial[index][0] - point[0], initial[index][1] - point[1]]
+                    });
+                    *track = problem.track(point, start, workspace);
                 }
-                let start = initial.map_or([0.0; 2], |initial| {
-                    [initial[index][0] - point[0], initial[index][1] - point[1]]
-                });
-                *track = problem.track(point, start, &mut workspace);
-            }
+            });
         },
     )?;
     memory.retry(&problem, points, tracks)?;

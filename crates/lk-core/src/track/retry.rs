@@ -92,26 +92,23 @@ impl Memory {
                 MIN_POINTS,
                 RowsMut::new(&mut self.results, 1),
                 |range, part| {
-                    let mut workspace = Workspace::new();
-                    for (result, entry) in part.data.iter_mut().zip(range) {
-                        let index = pending[entry] as usize;
-                        let point = points[index];
-                        let mut candidates = Candidates::default();
-                        for (_, near) in grid.nearest::<NEIGHBOURS>(points, point) {
-                            let (from, to) = (points[near], seen[near].position);
-                            candidates
-                                .add([f64::from(to[0] - from[0]), f64::from(to[1] - from[1])]);
+                    Workspace::with(|workspace| {
+                        for (result, entry) in part.data.iter_mut().zip(range) {
+                            let index = pending[entry] as usize;
+                            let point = points[index];
+                            let mut candidates = Candidates::default();
+                            for (_, near) in grid.nearest::<NEIGHBOURS>(points, point) {
+                                let (from, to) = (points[near], seen[near].position);
+                                candidates
+                                    .add([f64::from(to[0] - from[0]), f64::from(to[1] - from[1])]);
+                            }
+                            if round == 0 {
+                                seeds.at(point).for_each(|seed| candidates.add(seed));
+                            }
+                            *result =
+                                problem.retrack(point, candidates.list(), seeds.level(), workspace);
                         }
-                        if round == 0 {
-                            seeds.at(point).for_each(|seed| candidates.add(seed));
-                        }
-                        *result = problem.retrack(
-                            point,
-                            candidates.list(),
-                            seeds.level(),
-                            &mut workspace,
-                        );
-                    }
+                    });
                 },
             )?;
             let mut kept = 0;

@@ -1,5 +1,7 @@
 //! One point: down the levels.
 
+use std::cell::Cell;
+
 use crate::frame::Plane;
 use crate::simd::{Level, dispatch_eight};
 use crate::track::normal::{Light, Normal, Step};
@@ -27,8 +29,20 @@ pub(crate) struct Workspace {
     scratch: BorderScratch,
 }
 
+thread_local! {
+    static KEPT: Cell<Option<Box<Workspace>>> = const { Cell::new(None) };
+}
+
 impl Workspace {
-    pub(crate) fn new() -> Self {
+    /// Call `work` with memory that the next call of this thread has again.
+    pub(crate) fn with<R>(work: impl FnOnce(&mut Self) -> R) -> R {
+        let mut workspace = KEPT.take().unwrap_or_else(|| Box::new(Self::new()));
+        let result = work(&mut workspace);
+        KEPT.set(Some(workspace));
+        result
+    }
+
+    fn new() -> Self {
         Self {
             template: Template::new(),
             scratch: BorderScratch::new(),

@@ -5,6 +5,7 @@ use ndarray::ArrayView2;
 use crate::corners::{Corner, CornerDetector, CornerOptions};
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel};
+use crate::parallel::within_pool;
 use crate::pyramid::Pyramid;
 use crate::track::grid::reserve;
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
@@ -153,6 +154,21 @@ impl PointTracker {
             self.reserve(width * height);
         }
         let levels = self.options.levels_for(width, height);
+        // The same setting as in `self`, which the work below has for itself.
+        let execution = self.options.execution.clone();
+        within_pool(&execution, || self.follow(frame, mask, levels))?;
+        self.size = Some((height, width));
+        std::mem::swap(&mut self.prev, &mut self.next);
+        Ok(&self.rows)
+    }
+
+    /// Track the points into `frame` and find new ones.
+    fn follow<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        mask: Option<ArrayView2<'_, bool>>,
+        levels: usize,
+    ) -> Result<()> {
         self.next.rebuild(frame, levels, &self.options.execution)?;
         if self.size.is_some() {
             track_keeping(
@@ -171,10 +187,7 @@ impl PointTracker {
             self.tracks.clear();
         }
         self.keep(mask);
-        self.replenish(mask)?;
-        self.size = Some((height, width));
-        std::mem::swap(&mut self.prev, &mut self.next);
-        Ok(&self.rows)
+        self.replenish(mask)
     }
 
     /// Make room for all points of frames of so many pixels, so that later frames allocate nothing.
