@@ -11,7 +11,9 @@ import rsflow
 from extraction_helpers import HEIGHT_M, names_in
 from rsflow import synthetic
 from rsflow.extraction import svg
+from rsflow.extraction.columns import meaning
 from rsflow.extraction.progress import Progress, clock
+from rsflow.extraction.rows import status_word
 from rsflow.extraction.series import Series, runs
 from rsflow.extraction.tables import CsvTable, cell
 from rsflow.extraction.track import Track
@@ -135,3 +137,9 @@ def test_track_follows_a_turning_camera():
     assert rows[-1]["heading_rad"] == pytest.approx(0.6 * flight.t_s[-1], rel=0.02)
     assert (rows[-1]["x_m"], rows[-1]["y_m"]) == pytest.approx((end[0], end[1]), abs=3e-4)
     assert 0 < rows[-1]["x_std_m"] < 1e-3
+
+
+def test_every_status_has_its_meaning_in_the_report():
+    for status in (*rsflow.ShiftStatus, *rsflow.VelocityStatus):
+        word = status_word(status)
+        assert meaning(word) not in {"", word}, status

@@ -94,6 +94,7 @@ _MEANINGS = {
     "aperture": "structure in one direction only: motion along it cannot be seen",
     "no_match": "the two frames do not show the same scene: a cut, or motion that is too large",
     "not_converged": "the estimate did not settle",
+    "ambiguous": "the picture repeats: another displacement explains the frames as well",
     "time_not_increasing": "the frame is not later than the one before",
     "scene_cut": "the picture has nothing to do with the one before",
     "too_few_points": "too few points could be followed to fit a velocity and to judge it",

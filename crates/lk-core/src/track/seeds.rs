@@ -34,6 +34,7 @@ impl Seeds {
     pub(crate) fn clear(&mut self) {
         self.frame.clear();
         self.tiles.clear();
+        self.level = 0;
     }
 
     /// The level that the seeds come from.

@@ -135,6 +135,40 @@ proptest! {
     }
 }
 
+/// Memory is kept from call to call; what was in it must not be seen.
+#[test]
+fn what_was_tracked_before_changes_no_bit() {
+    let (prev, next) = (frame(100, 130, 0.0, 0.0), frame(100, 130, 2.3, 1.5));
+    let points = grid(100, 130, 0);
+    let track = |prev: &Array2<f32>, next: &Array2<f32>, side: usize| {
+        let one = Execution::default().threads(1);
+        let options = TrackOptions::default()
+            .window_size(side, side)
+            .execution(one);
+        let tracks = track_points(prev.view(), next.view(), &points, None, None, &options).unwrap();
+        let bits = |track: &TrackedPoint| {
+            let position = track.position.map(f32::to_bits);
+            (position, track.covariance.map(f32::to_bits), track.status)
+        };
+        tracks.iter().map(bits).collect::<Vec<_>>()
+    };
+    for side in [5usize, 17, 21, 39] {
+        // A thread of its own has no memory yet.
+        let want =
+            std::thread::scope(|scope| scope.spawn(|| track(&prev, &next, side)).join().unwrap());
+        for (bad, other) in [(f32::NAN, 63), (f32::MAX, 45), (f32::INFINITY, 9)] {
+            let spoilt = Array2::from_elem((100, 130), bad);
+            track(&spoilt, &next, other);
+            track(&next, &spoilt, other);
+            assert_eq!(
+                track(&prev, &next, side),
+                want,
+                "{side} after {bad} and {other}"
+            );
+        }
+    }
+}
+
 #[test]
 fn no_motion_is_exactly_none() {
     let still = frame(90, 110, 0.0, 0.0);

@@ -12,7 +12,7 @@ const MAX_BLOCKS: usize = MAX_SIDE.div_ceil(EIGHT);
 /// What a template holds for eight pixels of a row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cell {
-    /// Grey levels of `prev`.
+    /// Grey levels of `prev`; 0 in the padding.
     pub(super) prev: Packed,
     /// Gradients along x and y; 0 in the padding.
     pub(super) gradient: [Packed; 2],
@@ -226,8 +226,9 @@ fn differentiate<L: Eight, const SCHARR: bool, const FINE: bool>(
                 gx = gx * inner + (top + bottom) * outer;
             }
             let (gx, gy) = (gx.keep(mask), gy.keep(mask));
+            // What stands in the padding may be NaN, which no weight of 0 takes out of a sum.
             *cell = Cell {
-                prev: here.pack(),
+                prev: here.keep(mask).pack(),
                 gradient: [gx.pack(), gy.pack()],
             };
             (above, here) = (here, below);
