@@ -23,6 +23,7 @@ mod phase;
 mod pyramid;
 mod sample;
 mod scratch;
+mod seeds;
 mod shift;
 mod simd;
 mod track;

@@ -131,7 +131,7 @@ impl Recipe {
             Preset::Balanced => {
                 let coarse = level(6, 3, 2, 3);
                 (
-                    [level(1, 1, 1, 3), level(3, 1, 1, 3), coarse, coarse],
+                    [level(1, 1, 1, 3), level(3, 2, 1, 3), coarse, coarse],
                     0.9,
                     3,
                 )

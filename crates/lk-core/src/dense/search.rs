@@ -6,7 +6,7 @@
 
 use crate::error::Result;
 use crate::frame::Plane;
-use crate::track::seeds::Seeds;
+use crate::seeds::Seeds;
 
 use super::descend::{Descent, Memory};
 use super::grid;

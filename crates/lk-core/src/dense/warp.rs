@@ -50,7 +50,11 @@ impl LaneKernel for WarpRow<'_> {
             let at_x = x + s.get(&u[i]);
             let at_y = y + s.get(&v[i]);
             let here = s.get(prev.get(i).unwrap_or(&tail));
-            let sample = if let Some(sample) = even(s, (data, width, height), (at_x, at_y), ramp) {
+            let frame = (data, width, height);
+            let sample = if let Some(sample) = even(s, frame, (at_x, at_y), ramp) {
+                one.put(&mut inside[i]);
+                sample
+            } else if let Some(sample) = close(s, frame, (at_x, at_y)) {
                 one.put(&mut inside[i]);
                 sample
             } else {
@@ -63,7 +67,10 @@ impl LaneKernel for WarpRow<'_> {
                 let at_x = at_x.max(zero).min(right);
                 let at_y = at_y.max(zero).min(bottom);
                 let (column, row) = (at_x.trunc().min(last_column), at_y.trunc().min(last_row));
-                let corners = corners(s, data, width, (row, column), ramp);
+                let corners = [
+                    s.pairs(data, width, row, column),
+                    s.pairs(data, width, row + one, column),
+                ];
                 bilinear(s, corners, (at_x - column, at_y - row))
             };
             (sample + here).put(&mut sum[i]);
@@ -115,74 +122,70 @@ fn even<S: Simd>(
     Some(bilinear(s, [(a, b), (c, d)], (at_x - column, at_y - row)))
 }
 
-/// The pixels at `row` and `column` and right of them, then those below.
-///
-/// Where the places of sixteen pixels beside each other differ from being beside each other by one at most, a few groups
-/// of pixels hold all of them, and no lane must look up its own.
-#[inline(always)]
-fn corners<S: Simd>(
-    s: S,
-    data: &[f32],
-    width: usize,
-    (row, column): (S::F, S::F),
-    ramp: S::F,
-) -> [(S::F, S::F); 2] {
-    let (zero, one) = (s.splat(0.0), s.splat(1.0));
-    let shift = column - ramp;
-    let (first_row, first_shift) = (row.first(), shift.first());
-    let (down, right) = (row - s.splat(first_row), shift - s.splat(first_shift));
-    if S::F::all(<S::F as Floats>::both(s.splat(-1.0).le(down), down.le(one)))
-        && S::F::all(<S::F as Floats>::both(
-            s.splat(-1.0).le(right),
-            right.le(one),
-        ))
-    {
-        // One step up and left where some lane is behind the first one.
-        let up = S::F::any(down.lt(zero));
-        let left = S::F::any(right.lt(zero));
-        let (up, left) = (f32::from(u8::from(up)), f32::from(u8::from(left)));
-        let (down, right) = (down + s.splat(up), right + s.splat(left));
-        let near = S::F::all(<S::F as Floats>::both(down.le(one), right.le(one)));
-        let (first_row, first_shift) = (first_row - up, first_shift - left);
-        if near && first_row >= 0.0 && first_shift >= 0.0 {
-            let at = first_row as usize * width + first_shift as usize;
-            let (lower, further) = (zero.lt(down), zero.lt(right));
-            let upper = beside::<S, 3>(s, data, at);
-            let middle = beside::<S, 3>(s, data, at + width);
-            // The third row is not there below the last pair of rows, where no lane asks for it.
-            let below = beside::<S, 3>(s, data, at + 2 * width);
-            if let (Some([a, b, c]), Some([d, e, f]), Some([g, h, k])) = (upper, middle, below) {
-                let pick = (lower, further);
-                return [
-                    (
-                        choose::<S>(pick, [a, b, d, e]),
-                        choose::<S>(pick, [b, c, e, f]),
-                    ),
-                    (
-                        choose::<S>(pick, [d, e, g, h]),
-                        choose::<S>(pick, [e, f, h, k]),
-                    ),
-                ];
-            }
-        }
-    }
-    [
-        s.pairs(data, width, row, column),
-        s.pairs(data, width, row + one, column),
-    ]
-}
+/// How far left of the place of the first lane the pixels begin that are looked at for sixteen lanes.
+const MARGIN: f32 = 7.0;
 
-/// Of four groups, upper left, upper right, lower left and lower right, what each lane asks for.
+/// The samples, if the places of all lanes are inside of the picture, in a row or two that touch, and not far from beside
+/// each other: a few groups of pixels then hold all of them, and no lane must look up its own in memory.
 #[inline(always)]
-fn choose<S: Simd>(
-    (lower, further): (<S::F as Floats>::Mask, <S::F as Floats>::Mask),
-    [a, b, c, d]: [S::F; 4],
-) -> S::F {
-    S::F::select(
-        lower,
-        S::F::select(further, d, c),
-        S::F::select(further, b, a),
-    )
+fn close<S: Simd>(
+    s: S,
+    (data, width, height): (&[f32], usize, usize),
+    (at_x, at_y): (S::F, S::F),
+) -> Option<S::F> {
+    let (zero, one) = (s.splat(0.0), s.splat(1.0));
+    let (column, row) = (at_x.trunc(), at_y.trunc());
+    let first_row = row.first();
+    let most = width.checked_sub(2 * LANES)? as f32;
+    let base = (column.first() - MARGIN).max(0.0).min(most);
+    let (index, down) = (column - s.splat(base), row - s.splat(first_row));
+    let within = <S::F as Floats>::both(zero.le(at_x), zero.le(at_y));
+    let near = <S::F as Floats>::both(zero.le(index), index.le(s.splat((2 * LANES - 2) as f32)));
+    if !S::F::all(<S::F as Floats>::both(within, near)) {
+        return None;
+    }
+    let parts = (at_x - column, at_y - row);
+    let above = S::F::any(down.lt(zero));
+    let below = S::F::any(zero.lt(down));
+    if above && below {
+        return None;
+    }
+    let row = (first_row - f32::from(u8::from(above))) as usize;
+    let at = row * width + base as usize;
+    let next = index + one;
+    let (low, high) = two(s, data, at)?;
+    let upper = (s.lookup(low, high, index), s.lookup(low, high, next));
+    if row + 1 >= height {
+        return None;
+    }
+    let (low, high) = two(s, data, at + width)?;
+    let lower = (s.lookup(low, high, index), s.lookup(low, high, next));
+    if !above && !below {
+        return Some(bilinear(s, [upper, lower], parts));
+    }
+    if row + 2 >= height || !S::F::all(<S::F as Floats>::both(s.splat(-1.0).le(down), down.le(one)))
+    {
+        return None;
+    }
+    let (low, high) = two(s, data, at + 2 * width)?;
+    let third = (s.lookup(low, high, index), s.lookup(low, high, next));
+    let sinks = if above {
+        // The first lane is in the lower row of the two.
+        s.splat(-0.5).lt(down)
+    } else {
+        zero.lt(down)
+    };
+    let corners = [
+        (
+            S::F::select(sinks, lower.0, upper.0),
+            S::F::select(sinks, lower.1, upper.1),
+        ),
+        (
+            S::F::select(sinks, third.0, lower.0),
+            S::F::select(sinks, third.1, lower.1),
+        ),
+    ];
+    Some(bilinear(s, corners, parts))
 }
 
 /// The sixteen elements from `at` on, the sixteen from `at + 1` on, and so on.
@@ -194,4 +197,11 @@ fn beside<S: Simd, const N: usize>(s: S, data: &[f32], at: usize) -> Option<[S::
         *group = s.get(from[k..].first_chunk()?);
     }
     Some(groups)
+}
+
+/// The sixteen elements from `at` on, and the sixteen after them.
+#[inline(always)]
+fn two<S: Simd>(s: S, data: &[f32], at: usize) -> Option<(S::F, S::F)> {
+    let from = data.get(at..at + 2 * LANES)?;
+    Some((s.get(from.first_chunk()?), s.get(from.last_chunk()?)))
 }

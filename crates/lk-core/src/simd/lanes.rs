@@ -88,6 +88,9 @@ pub(crate) trait Simd: Copy {
         row: Self::F,
         column: Self::F,
     ) -> (Self::F, Self::F);
+    /// Of the sixteen elements of `low` and then those of `high`, the one at `index`, per lane. `index` is a whole number
+    /// within 0..32.
+    fn lookup(self, low: Self::F, high: Self::F, index: Self::F) -> Self::F;
     /// 0, 1, .. 15.
     #[inline(always)]
     fn ramp(self) -> Self::F {
@@ -244,6 +247,19 @@ impl Simd for Plain {
     #[inline(always)]
     fn splat(self, value: f32) -> Array {
         Array([value; LANES])
+    }
+    #[inline(always)]
+    fn lookup(self, low: Array, high: Array, index: Array) -> Array {
+        let mut out = [0.0; LANES];
+        for lane in 0..LANES {
+            let at = index.0[lane] as u32 as usize % (2 * LANES);
+            out[lane] = if at < LANES {
+                low.0[at]
+            } else {
+                high.0[at - LANES]
+            };
+        }
+        Array(out)
     }
     #[inline(always)]
     fn pairs(self, data: &[f32], stride: usize, row: Array, column: Array) -> (Array, Array) {
@@ -432,6 +448,11 @@ pub(super) mod x86 {
             F512(unsafe { _mm512_set1_ps(value) })
         }
         #[inline(always)]
+        fn lookup(self, low: F512, high: F512, index: F512) -> F512 {
+            // SAFETY: the CPU has AVX-512 F, for `self` exists.
+            F512(unsafe { _mm512_permutex2var_ps(low.0, _mm512_cvttps_epi32(index.0), high.0) })
+        }
+        #[inline(always)]
         fn pairs(self, data: &[f32], stride: usize, row: F512, column: F512) -> (F512, F512) {
             let last = last_pair(data);
             // SAFETY: the CPU has AVX-512 F and DQ, for `self` exists. Every place read is at most `last`, so that the
@@ -613,6 +634,36 @@ pub(super) mod x86 {
         fn splat(self, value: f32) -> F256 {
             // SAFETY: the CPU has AVX2, for `self` exists.
             unsafe { F256(_mm256_set1_ps(value), _mm256_set1_ps(value)) }
+        }
+        #[inline(always)]
+        fn lookup(self, low: F256, high: F256, index: F256) -> F256 {
+            /// The elements of four registers of eight at the places in `index`, modulo 32.
+            #[inline(always)]
+            unsafe fn pick(from: [__m256; 4], index: __m256i) -> __m256 {
+                // SAFETY: the caller has AVX2.
+                unsafe {
+                    let [a, b, c, d] = [
+                        _mm256_permutevar8x32_ps(from[0], index),
+                        _mm256_permutevar8x32_ps(from[1], index),
+                        _mm256_permutevar8x32_ps(from[2], index),
+                        _mm256_permutevar8x32_ps(from[3], index),
+                    ];
+                    // The bits worth 8 and 16, as the signs that a blend looks at.
+                    let eight = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index));
+                    let sixteen = _mm256_castsi256_ps(_mm256_slli_epi32::<27>(index));
+                    let (lower, upper) =
+                        (_mm256_blendv_ps(a, b, eight), _mm256_blendv_ps(c, d, eight));
+                    _mm256_blendv_ps(lower, upper, sixteen)
+                }
+            }
+            // SAFETY: the CPU has AVX2, for `self` exists.
+            unsafe {
+                let from = [low.0, low.1, high.0, high.1];
+                F256(
+                    pick(from, _mm256_cvttps_epi32(index.0)),
+                    pick(from, _mm256_cvttps_epi32(index.1)),
+                )
+            }
         }
         #[inline(always)]
         fn pairs(self, data: &[f32], stride: usize, row: F256, column: F256) -> (F256, F256) {

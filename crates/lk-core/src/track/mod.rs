@@ -17,7 +17,6 @@ mod options;
 mod patch;
 mod retry;
 mod search;
-pub(crate) mod seeds;
 mod solve;
 mod spread;
 mod stream;

@@ -6,9 +6,9 @@
 
 use crate::error::Result;
 use crate::parallel::{RowsMut, for_each_band};
+use crate::seeds::Seeds;
 use crate::track::grid::{Grid, NEIGHBOURS, reserve};
 use crate::track::options::{PointStatus, TrackedPoint};
-use crate::track::seeds::Seeds;
 use crate::track::solve::{Problem, Workspace};
 use crate::track::spread::Deformed;
 

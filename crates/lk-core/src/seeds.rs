@@ -1,5 +1,5 @@
-//! Where to look when points do not find their way by themselves: displacements of the whole frame and of its tiles,
-//! by phase correlation on a coarse level.
+//! Where to look when points or windows do not find their way by themselves: displacements of the whole frame and of its
+//! tiles, by phase correlation on a coarse level.
 
 use crate::error::Result;
 use crate::execution::Execution;
