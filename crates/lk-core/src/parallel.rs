@@ -91,22 +91,6 @@ fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
     Ok(built)
 }
 
-/// Run `work` on the pool of the execution's threads, if it has more than one: what is handed out on the way then finds
-/// its threads awake.
-///
-/// # Errors
-///
-/// [`Error::Threads`] if no pool could be started.
-pub(crate) fn on_pool<R: Send>(
-    execution: &Execution,
-    work: impl FnOnce() -> R + Send,
-) -> Result<R> {
-    match execution.num_threads() {
-        1 => Ok(work()),
-        threads => Ok(pool(threads)?.install(work)),
-    }
-}
-
 /// Outputs that can be divided at a row, so that each band owns its part.
 pub(crate) trait SplitRows: Sized + Send {
     /// The parts above and below `row`.
@@ -198,8 +182,14 @@ where
     if threads == 1 || rows <= min_rows {
         return one_by_one(execution, 0..rows, longest, outputs, &work);
     }
-    // Four bands a thread level out bands of unequal cost.
-    let band = rows.div_ceil(4 * threads).max(min_rows).min(longest);
+    // Four bands a thread level out bands of unequal cost; as many for each thread, so that none waits for the last one.
+    let most = (rows / min_rows).clamp(1, 4 * threads);
+    let bands = if most < threads {
+        most
+    } else {
+        most - most % threads
+    };
+    let band = rows.div_ceil(bands).min(longest);
     pool(threads)?.install(|| halve(execution, 0..rows, band, outputs, &work))
 }
 

@@ -105,7 +105,7 @@ fn reduce(source: &Plane, target: &mut Plane, execution: &Execution) -> Result<(
     }
     let level = execution.simd_level();
     // About 10 us of work a band.
-    let min_rows = (16_384 / width).max(1);
+    let min_rows = (8_192 / width).max(1);
     for_each_band(
         execution,
         height,

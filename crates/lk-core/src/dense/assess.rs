@@ -59,7 +59,7 @@ pub(super) fn assess(
     for_each_band(
         execution,
         height,
-        (16_384 / width).max(8),
+        (8_192 / width).max(8),
         outputs,
         |rows, (mut uv, mut valid, mut residual)| {
             with_scratch(size + 5 * stride, |memory| {

@@ -24,7 +24,7 @@ pub(super) fn median(
     for_each_band(
         execution,
         height,
-        (16_384 / width).max(1),
+        (8_192 / width).max(1),
         (to_u.rows_mut(), to_v.rows_mut()),
         |rows, (mut to_u, mut to_v)| {
             for (local, y) in rows.enumerate() {

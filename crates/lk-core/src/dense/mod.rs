@@ -32,6 +32,7 @@ use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, scale_by};
 use crate::grey::Greys;
 use crate::illumination::Illumination;
+use crate::parallel::within_pool;
 use crate::pyramid::Pyramid;
 
 pub use field::FlowField;
@@ -147,15 +148,18 @@ impl DenseFlow {
             let before = &self.prev.pyramid.levels()[0];
             check_sizes((before.height(), before.width()), frame.dim())?;
         }
-        let levels = self.levels(frame.dim());
-        let greys = Greys::of(frame);
-        let scale = if primed { &self.prev.greys } else { &greys }.scale();
-        self.next
-            .read(frame, greys, scale, levels, &self.options.execution)?;
-        if primed {
-            self.prev.rescale(scale);
-            self.measure(hints, field)?;
-        }
+        let execution = self.options.execution.clone();
+        in_pool(frame.len(), &execution, || {
+            let levels = self.levels(frame.dim());
+            let greys = Greys::of(frame);
+            let scale = if primed { &self.prev.greys } else { &greys }.scale();
+            self.next.read(frame, greys, scale, levels, &execution)?;
+            if primed {
+                self.prev.rescale(scale);
+                self.measure(hints, field)?;
+            }
+            Ok(())
+        })?;
         self.primed = true;
         Ok(primed)
     }
@@ -175,14 +179,16 @@ impl DenseFlow {
         self.primed = false;
         check_sizes(prev.dim(), next.dim())?;
         check_hints(prev.dim(), hints)?;
-        let levels = self.levels(prev.dim());
-        let greys = Greys::of(prev);
-        let scale = greys.scale();
-        let execution = &self.options.execution;
-        self.prev.read(prev, greys, scale, levels, execution)?;
-        self.next
-            .read(next, Greys::of(next), scale, levels, execution)?;
-        self.measure(hints, field)
+        let execution = self.options.execution.clone();
+        in_pool(prev.len(), &execution, || {
+            let levels = self.levels(prev.dim());
+            let greys = Greys::of(prev);
+            let scale = greys.scale();
+            self.prev.read(prev, greys, scale, levels, &execution)?;
+            self.next
+                .read(next, Greys::of(next), scale, levels, &execution)?;
+            self.measure(hints, field)
+        })
     }
 
     /// Levels of the pyramid for a frame of this (height, width).
@@ -265,6 +271,22 @@ impl DenseFlow {
             field,
             &options.execution,
         )
+    }
+}
+
+/// Frames of fewer pixels are measured on the caller's thread: nothing of them is divided.
+const SHARED: usize = 1 << 14;
+
+/// Call `work` on the threads of `execution`, which are then awake for all that it divides.
+fn in_pool<R: Send>(
+    pixels: usize,
+    execution: &Execution,
+    work: impl FnOnce() -> Result<R> + Send,
+) -> Result<R> {
+    if pixels < SHARED {
+        work()
+    } else {
+        within_pool(execution, work)
     }
 }
 

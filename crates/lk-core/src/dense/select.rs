@@ -26,7 +26,7 @@ pub(super) fn select(
     for_each_band(
         execution,
         height,
-        (32_768 / width).max(1),
+        (8_192 / width).max(1),
         (to.0.rows_mut(), to.1.rows_mut()),
         |rows, (mut to_u, mut to_v)| {
             for (local, y) in rows.enumerate() {

@@ -39,7 +39,7 @@ pub(super) fn step(
     for_each_band(
         execution,
         height,
-        (16_384 / width).max(8),
+        (4_096 / width).max(8),
         (u.rows_mut(), v.rows_mut(), energy.rows_mut()),
         |rows, (mut u, mut v, mut energy)| {
             with_scratch(Windows::size(width), |memory| {
@@ -80,7 +80,7 @@ pub(super) fn sparse_step(
     for_each_band(
         execution,
         height,
-        (8_192 / width).max(4),
+        (2_048 / width).max(4),
         (u.rows_mut(), v.rows_mut(), energy.rows_mut()),
         |rows, (mut u, mut v, mut energy)| {
             with_scratch(Windows::size(full_width), |memory| {

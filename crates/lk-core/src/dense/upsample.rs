@@ -19,7 +19,7 @@ pub(super) fn upsample(
     for_each_band(
         execution,
         height,
-        (65_536 / width).max(1),
+        (32_768 / width).max(1),
         fine.rows_mut(),
         |rows, mut part| {
             for (local, y) in rows.enumerate() {

@@ -26,7 +26,7 @@ use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, expect_size};
 use crate::illumination::Illumination;
-use crate::parallel::on_pool;
+use crate::parallel::within_pool;
 use scratch::with_scratch;
 
 /// A rectangle of pixels.
@@ -246,6 +246,6 @@ pub fn estimate_shift<T: Pixel>(
     if roi.width * roi.height < ONE_THREAD_PIXELS {
         work()
     } else {
-        on_pool(&options.execution, work)?
+        within_pool(&options.execution, work)
     }
 }
