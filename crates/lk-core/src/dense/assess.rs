@@ -14,7 +14,8 @@ use crate::simd::{
 use super::field::FlowField;
 use super::grid::{self, PAD};
 
-use super::windows::{Reader, Sums, Views, Windows};
+use super::moments::{Reader, Sums};
+use super::windows::{Views, Windows};
 
 /// Half the window.
 const RADIUS: usize = 3;

@@ -18,7 +18,8 @@ use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_
 use super::grid::{self, Grid, PAD};
 use super::relax::Rows;
 
-use super::windows::{Reader, Sums, Views, Windows};
+use super::moments::{Reader, Sums};
+use super::windows::{Views, Windows};
 
 /// How a level is refined.
 ///

@@ -8,7 +8,7 @@
 use crate::simd::{Floats, LaneKernel, Level, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::PAD;
-use super::windows::Split;
+use super::sum_down::Split;
 
 /// Quantities of a pixel besides the flow: half the weight of smoothness, by whose sum two neighbours are joined; the
 /// matrix, later its inverse (xx, xy, yy); the right side.

@@ -9,7 +9,8 @@ use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_
 
 use super::grid::{self, Grid, PAD};
 
-use super::windows::{Moments, Reader, Sums, Views, Windows};
+use super::moments::{Moments, Reader, Sums};
+use super::windows::{Views, Windows};
 
 /// What a step needs to know besides its planes.
 #[derive(Debug, Clone, Copy)]
