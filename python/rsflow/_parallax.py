@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 # A camera whose picture moves less than this, in pixels, does not travel: then nothing is parallax.
 _LEAST_TRAVEL_PX = 0.5
-# Fewer vectors off the plane, as a number and as a share, are things that move. Flow is not valid within a few pixels of
-# an edge of motion: of a thing 25 pixels across, a third has vectors. Beyond this many deviations and pixels a vector is
-# off the plane, or off its line.
+# Fewer vectors off the plane, as a number and as a share, are things that move. Flow is not valid within a few pixels
+# of an edge of motion: of a thing 25 pixels across, a third has vectors. Beyond this many deviations and pixels a
+# vector is off the plane, or off its line.
 _FEWEST = 30
 _LEAST_SHARE = 0.015
 _SIGMAS = 3.7
