@@ -2,7 +2,10 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use allocation_counter::measure;
-use lk_core::{CornerDetector, CornerOptions, Execution, PointTracker, TrackOptions};
+use lk_core::{
+    CornerDetector, CornerOptions, DenseFlow, DenseHints, DenseOptions, Execution, FlowField,
+    PointTracker, Preset, TrackOptions,
+};
 use ndarray::Array2;
 
 const FRAMES: usize = 8;
@@ -65,4 +68,25 @@ fn corners_allocate_nothing_after_the_first_frame() {
     }
     assert!(counts[0] > 0, "the counter does not count");
     assert_eq!(counts[1..], [0, 0], "{counts:?}");
+}
+
+#[test]
+fn dense_flow_allocates_nothing_after_the_second_frame() {
+    for preset in [Preset::Fast, Preset::Balanced, Preset::Accurate] {
+        let options = DenseOptions::default()
+            .preset(preset)
+            .execution(Execution::default().threads(1));
+        let mut flow = DenseFlow::new(options).unwrap();
+        let mut field = FlowField::default();
+        let mut counts = Vec::new();
+        for frame in &frames() {
+            let info = measure(|| {
+                flow.update(frame.view(), DenseHints::default(), &mut field)
+                    .unwrap();
+            });
+            counts.push(info.count_total);
+        }
+        assert!(counts[0] > 0, "the counter does not count");
+        assert_eq!(counts[2..], [0; FRAMES - 2], "{preset:?} {counts:?}");
+    }
 }

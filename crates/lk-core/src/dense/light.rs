@@ -27,6 +27,8 @@ pub(super) struct Light {
     /// Integral images of: weight, p, p p, w, w w, p w.
     integral: Vec<[f64; 6]>,
     rows: Vec<f32>,
+    /// A row of sums of both frames, which nothing here needs.
+    sum: Vec<f32>,
 }
 
 impl Light {
@@ -143,7 +145,8 @@ impl Light {
 
     fn accumulate(&mut self, input: Views<'_>, level: Level) {
         let mut full = false;
-        let mut sum = vec![0.0; grid::stride(input.prev.width())];
+        let mut sum = std::mem::take(&mut self.sum);
+        sum.resize(grid::stride(input.prev.width()), 0.0);
         self.integrate(input.prev, input.weight, |y, inside, difference| {
             let (u, v) = (input.u.padded(y), input.v.padded(y));
             dispatch_lanes(
@@ -161,6 +164,7 @@ impl Light {
                 },
             );
         });
+        self.sum = sum;
     }
 
     /// Integral images of `prev`, in the light so far, and of what differs from it (as it came) by rows that `second` writes
