@@ -61,14 +61,9 @@ impl Memory {
         std::mem::swap(&mut self.flow, &mut self.best);
     }
 
-    /// Set the flow on the level to begin with, and return that level.
-    fn start(&mut self, pyramid: &Pyramid, hints: DenseHints<'_>) -> usize {
+    /// Set the flow on `level`, the one to begin with.
+    fn start(&mut self, pyramid: &Pyramid, level: usize, hints: DenseHints<'_>) {
         self.halved = None;
-        let coarsest = pyramid.levels().len() - 1;
-        let level = match hints.initial {
-            Some(_) => coarsest.min(2),
-            None => coarsest,
-        };
         let plane = &pyramid.levels()[level];
         // What went further than the frame reaches is not in it; NaN is not within either.
         let reach = pyramid.levels()[0]
@@ -94,7 +89,15 @@ impl Memory {
                 grid::extend(row, plane.width());
             }
         }
-        level
+    }
+}
+
+/// The level to begin with: the coarsest one, or a finer one where there is a flow to start from.
+fn first_level(pyramid: &Pyramid, hints: DenseHints<'_>) -> usize {
+    let coarsest = pyramid.levels().len() - 1;
+    match hints.initial {
+        Some(_) => coarsest.min(2),
+        None => coarsest,
     }
 }
 
@@ -116,7 +119,7 @@ pub(super) struct Descent<'a> {
 impl Descent<'_> {
     /// Measure all levels. Returns the level of the light's estimate, if light is found to have changed.
     pub(super) fn run(&mut self, hints: DenseHints<'_>) -> Result<Option<usize>> {
-        let coarsest = self.memory.start(self.prev, hints);
+        let coarsest = first_level(self.prev, hints);
         let small = |plane: &Plane| plane.width().max(plane.height()) <= LIGHT_SIZE;
         let first = self
             .prev
@@ -158,7 +161,9 @@ impl Descent<'_> {
             }
             first
         } else {
-            self.memory.start(self.prev, hints)
+            let level = first_level(self.prev, hints);
+            self.memory.start(self.prev, level, hints);
+            level
         };
         for level in (first..=start).rev() {
             if level < start {

@@ -4,7 +4,11 @@
 //! a pixel may take the flow of a neighbour whose window fits better ([`select`]) and a median removes what stands out
 //! ([`median`]); then a variational refinement ([`refine`]). The mean of each window is taken out, so that an offset of
 //! the light does no harm; where light has changed by more than that, `prev` is first brought to the light of `next`
-//! ([`light`]). At the end every window is judged once more ([`assess`]).
+//! ([`light`], [`relight`]). Motion that the coarsest level cannot see is looked for where windows are left without a match
+//! ([`search`]). At the end windows are judged once more ([`assess`]).
+//!
+//! What steps, rounds of refinement and the judgement share is a stream of rows of window sums ([`windows`]): warped
+//! ([`warp`]), summed down ([`sum_down`]) and across ([`moments`]).
 //!
 //! Damping and thresholds are in grey levels of 0..255: both frames of a pair are multiplied by the power of two that
 //! the range of `prev` asks for ([`Greys::scale`]), and what is reported in grey levels is divided by it.
