@@ -7,40 +7,22 @@ header claims is held against the length of the file before anything is allocate
 
 from __future__ import annotations
 
-import math
 import os
-import tokenize
-import zipfile
-import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ._files import writing
+from ._flow_formats import READERS, UNKNOWN_FROM, WRITERS, npz_times
 from .errors import DTypeError, FormatError, OptionError, ShapeError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["FLOW_SUFFIXES", "FlowLike", "read_flow", "read_flow_times", "write_flow"]
 
 FLOW_SUFFIXES = (".flo", ".png", ".npy", ".npz", ".pfm")
-
-# Middlebury: the first four bytes, "PIEH" as a little-endian float32; beyond the threshold a value means "unknown".
-_FLO_MAGIC = b"PIEH"
-_FLO_UNKNOWN = 1e10
-_UNKNOWN_FROM = 1e9
-
-# KITTI: value = 64 * displacement + 2**15, in 16 bits.
-_KITTI_SCALE = 64.0
-_KITTI_ZERO = 32768.0
-_KITTI_HIGHEST = (65535.0 - _KITTI_ZERO) / _KITTI_SCALE
-
-# No deflate stream grows by more than this (zlib's technical notes): a header that claims more is lying.
-_DEFLATE_LIMIT = 1032
 
 
 class FlowLike(Protocol):
@@ -94,14 +76,14 @@ def read_flow(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     [1.5 0. ]
     """
     path = Path(path)
-    reader = _READERS.get(path.suffix.lower())
+    reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise FormatError(f"{path}: cannot tell the flow format of {path.suffix!r}; expected one of {_names()}")
     if path.is_dir():
         raise FormatError(f"{path} is a folder, expected a flow file")
     with path.open("rb") as file:
         uv = reader(path, file, os.fstat(file.fileno()).st_size)
-    unknown = ~(np.abs(uv) <= _UNKNOWN_FROM).all(axis=2)
+    unknown = ~(np.abs(uv) <= UNKNOWN_FROM).all(axis=2)
     uv[unknown] = np.nan
     return uv
 
@@ -127,13 +109,8 @@ def read_flow_times(path: str | os.PathLike[str]) -> tuple[float, float] | None:
     path = Path(path)
     if path.suffix.lower() != ".npz":
         return None
-    with path.open("rb") as file, _zip(path, file) as archive:
-        if not {"t0.npy", "t1.npy"} <= set(archive.namelist()):
-            return None
-        times = [_member(path, archive, name) for name in ("t0", "t1")]
-    if any(time.size != 1 or time.dtype.kind not in "fiu" for time in times):
-        raise FormatError(f"{path}: t0 and t1 must each be one number, got {times[0]!r} and {times[1]!r}")
-    return float(times[0].reshape(())), float(times[1].reshape(()))
+    with path.open("rb") as file:
+        return npz_times(path, file)
 
 
 def write_flow(
@@ -181,7 +158,7 @@ def write_flow(
     True
     """
     path = Path(path)
-    writer = _WRITERS.get(path.suffix.lower())
+    writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         raise OptionError(f"{path}: cannot tell the flow format of {path.suffix!r}; expected one of {_names()}")
     if (t0_s is None) != (t1_s is None):
@@ -201,7 +178,7 @@ def known_flow(field: FlowLike | ArrayLike) -> NDArray[np.float32]:
     if array.ndim != 3 or array.shape[2] != 2 or array.size == 0:
         raise ShapeError(f"a flow must be (height, width, 2) with at least one pixel, got {array.shape}")
     uv = np.array(array, np.float32)
-    unknown = ~(np.abs(uv) <= _UNKNOWN_FROM).all(axis=2)
+    unknown = ~(np.abs(uv) <= UNKNOWN_FROM).all(axis=2)
     if valid is not None:
         unknown |= ~np.asarray(valid, bool)
     uv[unknown] = np.nan
@@ -210,210 +187,3 @@ def known_flow(field: FlowLike | ArrayLike) -> NDArray[np.float32]:
 
 def _names() -> str:
     return ", ".join(FLOW_SUFFIXES)
-
-
-def _expect_length(path: Path, header: int, width: int, height: int, pixel: int, size: int) -> None:
-    """Hold the size that a header claims against the length of the file, in Python's unbounded integers."""
-    if width < 1 or height < 1:
-        raise FormatError(f"{path}: the header says {width} x {height} pixels, expected at least 1 x 1")
-    expected = header + width * height * pixel
-    if size != expected:
-        raise FormatError(
-            f"{path}: the header says {width} x {height} pixels, which takes {expected} bytes, but the file has {size}"
-        )
-
-
-def _read_flo(path: Path, file: BinaryIO, size: int) -> NDArray[np.float32]:
-    header = file.read(12)
-    if header[:4] != _FLO_MAGIC:
-        raise FormatError(f"{path}: not a .flo file: starts with {header[:4]!r}, expected {_FLO_MAGIC!r} (202021.25)")
-    if len(header) < 12:
-        raise FormatError(f"{path}: the header is cut off after {len(header)} bytes, expected 12")
-    width, height = (int(n) for n in np.frombuffer(header, "<i4", offset=4))
-    _expect_length(path, 12, width, height, 8, size)
-    return np.fromfile(file, "<f4", width * height * 2).reshape(height, width, 2).astype(np.float32, copy=False)
-
-
-def _write_flo(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> None:
-    height, width = uv.shape[:2]
-    with path.open("wb") as file:
-        file.write(_FLO_MAGIC + np.array([width, height], "<i4").tobytes())
-        file.write(np.where(np.isnan(uv), _FLO_UNKNOWN, uv).astype("<f4").tobytes())
-
-
-def _read_kitti(path: Path, file: BinaryIO, size: int) -> NDArray[np.float32]:
-    head = file.read(26)
-    if head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR" or len(head) < 26:
-        raise FormatError(f"{path}: not a PNG file")
-    width, height = (int(n) for n in np.frombuffer(head, ">u4", 2, 16))
-    depth, kind = head[24], head[25]
-    if (depth, kind) != (16, 2):
-        raise FormatError(
-            f"{path}: not a KITTI flow: expected 16 bits of RGB, got {depth} bits of PNG colour type {kind}"
-        )
-    if width < 1 or height < 1 or width * height * 6 > _DEFLATE_LIMIT * size:
-        raise FormatError(f"{path}: the header says {width} x {height} pixels, which {size} bytes cannot hold")
-    file.seek(-min(size, 12), os.SEEK_END)
-    if file.read(12)[4:8] != b"IEND":
-        raise FormatError(f"{path}: the PNG is cut off: it does not end in an IEND chunk")
-    file.seek(0)
-    import cv2
-
-    try:
-        picture = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise FormatError(f"{path}: the PNG cannot be decoded: {error.err}") from None
-    if picture is None or picture.dtype != np.uint16 or picture.shape != (height, width, 3):
-        raise FormatError(f"{path}: the PNG cannot be decoded")
-    # OpenCV's order is B, G, R: validity, v, u.
-    uv: NDArray[np.float32] = (picture[..., :0:-1].astype(np.float32) - np.float32(_KITTI_ZERO)) / np.float32(
-        _KITTI_SCALE
-    )
-    uv[picture[..., 0] == 0] = np.nan
-    return uv
-
-
-def _write_kitti(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> None:
-    import cv2
-
-    known = ~np.isnan(uv[..., 0])
-    code = np.rint(uv.astype(np.float64) * _KITTI_SCALE + _KITTI_ZERO)
-    outside = known & ((code < 0) | (code > 65535)).any(axis=2)
-    if outside.any():
-        y, x = (int(n) for n in np.argwhere(outside)[0])
-        raise OptionError(
-            f"a KITTI .png holds displacements from -512 to {_KITTI_HIGHEST:.2f} px, got ({uv[y, x, 0]:g}, "
-            f"{uv[y, x, 1]:g}) at x={x}, y={y} and {int(outside.sum())} such pixels; .flo holds any"
-        )
-    picture = np.zeros((*uv.shape[:2], 3), np.uint16)
-    picture[known, 0] = 1
-    picture[known, 1] = code[known, 1]
-    picture[known, 2] = code[known, 0]
-    done, data = cv2.imencode(".png", picture)
-    if not done:
-        raise FormatError(f"OpenCV could not encode a 16-bit PNG of {uv.shape[1]} x {uv.shape[0]} pixels")
-    with path.open("wb") as file:
-        file.write(data.tobytes())
-
-
-def _array(path: Path, file: BinaryIO, size: int, what: str) -> NDArray[Any]:
-    """Read one array in numpy's format from a stream of `size` bytes; its header is believed only if it fits."""
-    try:
-        version = np.lib.format.read_magic(file)
-        if version == (1, 0):
-            shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
-        elif version == (2, 0):
-            shape, fortran, dtype = np.lib.format.read_array_header_2_0(file)
-        else:
-            raise ValueError(f"version {version} of the npy format")
-    except (ValueError, TypeError, OverflowError, EOFError, SyntaxError, tokenize.TokenError) as error:
-        raise FormatError(f"{path}: {what} is not a numpy array: {' '.join(str(error).split())}") from None
-    if dtype.kind not in "biuf":
-        raise FormatError(f"{path}: {what} must be of real numbers, got dtype {dtype}")
-    length = math.prod(shape) * dtype.itemsize
-    if file.tell() + length != size:
-        raise FormatError(
-            f"{path}: the header of {what} says {shape} {dtype}, which takes {length} bytes, "
-            f"but {size - file.tell()} follow"
-        )
-    data = np.frombuffer(file.read(length), dtype)
-    return data.reshape(shape[::-1]).T if fortran else data.reshape(shape)
-
-
-def _as_flow(path: Path, array: NDArray[Any], what: str) -> NDArray[np.float32]:
-    if array.ndim != 3 or array.shape[2] != 2 or array.size == 0 or array.dtype.kind == "b":
-        raise FormatError(f"{path}: {what} must be (height, width, 2) numbers, got {array.shape} {array.dtype}")
-    with np.errstate(over="ignore"):
-        return np.array(array, np.float32, order="C")
-
-
-def _read_npy(path: Path, file: BinaryIO, size: int) -> NDArray[np.float32]:
-    return _as_flow(path, _array(path, file, size, "the array"), "the array")
-
-
-def _write_npy(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> None:
-    with path.open("wb") as file:
-        np.lib.format.write_array(file, uv, allow_pickle=False)
-
-
-def _zip(path: Path, file: BinaryIO) -> zipfile.ZipFile:
-    try:
-        return zipfile.ZipFile(file)
-    except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError) as error:
-        raise FormatError(f"{path}: not an .npz file: {error}") from None
-
-
-def _member(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    try:
-        info = archive.getinfo(f"{name}.npy")
-        if info.file_size > _DEFLATE_LIMIT * (info.compress_size + 64):
-            raise FormatError(f"{path}: {name} claims {info.file_size} bytes, too many for {info.compress_size} packed")
-        with archive.open(info) as stream:
-            return _array(path, stream, info.file_size, name)  # type: ignore[arg-type]
-    except KeyError:
-        raise FormatError(f"{path}: has no array {name!r}, but {sorted(archive.namelist())}") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
-        if isinstance(error, FormatError):
-            raise
-        raise FormatError(f"{path}: {name} cannot be unpacked: {error}") from None
-
-
-def _read_npz(path: Path, file: BinaryIO, _: int) -> NDArray[np.float32]:
-    with _zip(path, file) as archive:
-        uv = _as_flow(path, _member(path, archive, "flow"), "flow")
-        if "valid.npy" in archive.namelist():
-            valid = _member(path, archive, "valid")
-            if valid.shape != uv.shape[:2]:
-                raise FormatError(f"{path}: valid must be {uv.shape[:2]} as flow is, got {valid.shape}")
-            uv[valid == 0] = np.nan
-    return uv
-
-
-def _write_npz(path: Path, uv: NDArray[np.float32], times: dict[str, float]) -> None:
-    arrays: dict[str, Any] = {"flow": uv, "valid": ~np.isnan(uv[..., 0]), **times}
-    with path.open("wb") as file:
-        np.savez_compressed(file, **arrays)
-
-
-def _read_pfm(path: Path, file: BinaryIO, size: int) -> NDArray[np.float32]:
-    fields = [file.readline(64).strip() for _ in range(2)]
-    if fields[0] == b"Pf":
-        raise FormatError(f"{path}: a .pfm of one channel is no flow (a disparity map?), expected three")
-    if fields[0] != b"PF":
-        raise FormatError(f"{path}: not a .pfm file: starts with {fields[0][:8]!r}, expected b'PF'")
-    try:
-        width, height = (int(n) for n in fields[1].split())
-        scale = float(file.readline(64))
-        if not math.isfinite(scale) or scale == 0:
-            raise ValueError
-    except ValueError:
-        raise FormatError(f"{path}: a .pfm header must be 'PF', 'width height' and a scale that is not 0") from None
-    _expect_length(path, file.tell(), width, height, 12, size)
-    # The sign of the scale is the order of bytes; its size is a unit of light and has no meaning for flow.
-    data = np.frombuffer(file.read(), "<f4" if scale < 0 else ">f4").reshape(height, width, 3)
-    return np.array(data[::-1, :, :2], np.float32, order="C")
-
-
-def _write_pfm(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> None:
-    height, width = uv.shape[:2]
-    data = np.zeros((height, width, 3), "<f4")
-    data[..., :2] = uv[::-1]
-    with path.open("wb") as file:
-        file.write(f"PF\n{width} {height}\n-1.0\n".encode())
-        file.write(data.tobytes())
-
-
-_READERS: dict[str, Callable[[Path, BinaryIO, int], NDArray[np.float32]]] = {
-    ".flo": _read_flo,
-    ".png": _read_kitti,
-    ".npy": _read_npy,
-    ".npz": _read_npz,
-    ".pfm": _read_pfm,
-}
-_WRITERS: dict[str, Callable[[Path, NDArray[np.float32], dict[str, float]], None]] = {
-    ".flo": _write_flo,
-    ".png": _write_kitti,
-    ".npy": _write_npy,
-    ".npz": _write_npz,
-    ".pfm": _write_pfm,
-}
