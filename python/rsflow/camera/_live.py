@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import Any
 
 from ..errors import CaptureError
+from ._reader import Raw, Timestamps
 from ._video import open_capture, quiet
-from .capture import Raw, Timestamps
 
 # Frames kept for a reader that wants all of them: beyond, the camera's own driver drops.
 _QUEUE_FRAMES = 32

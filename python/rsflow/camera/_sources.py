@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import CaptureError, DTypeError, OptionError
-from .capture import Frame, Frames, Raw, Reader, Timestamps
+from ._reader import Raw, Reader, Timestamps
+from .capture import Frame, Frames
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".pnm", ".webp", ".jp2", ".exr", ".hdr")
 _LIVE_SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "udp", "rtp", "srt", "tcp", "mms")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import CaptureError
-from .capture import Raw, Timestamps
+from ._reader import Raw, Timestamps
 
 # Frames looked at when a file is opened, to see whether its timestamps exist and are in order. Reordering in H.264
 # and HEVC spans at most 16 frames.

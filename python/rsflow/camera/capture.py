@@ -7,17 +7,18 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Literal, Protocol, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DTypeError, OptionError, ShapeError
+from ._picture import check_roi, region_of, to_color, to_grey
+from ._reader import Raw, Reader, Timestamps
 from ._times import given_times
 
 __all__ = ["Frame", "FrameSource", "Frames", "Timestamps", "frames"]
 
-Timestamps: TypeAlias = Literal["file", "given", "rate", "clock", "none"]
 FrameSource: TypeAlias = "int | str | os.PathLike[str] | NDArray[Any] | Iterable[Any]"
 
 _DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
@@ -56,37 +57,6 @@ class Frame:
     index: int
     color: NDArray[Any] | None = None
     name: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Raw:
-    """What a reader gives: the picture as the source has it (None where it was skipped), its time and number."""
-
-    image: NDArray[Any] | None
-    t_s: float
-    index: int
-    name: str = ""
-
-
-class Reader(Protocol):
-    """One kind of source. `read` gives the next frame, or None at the end, or raises `CaptureError`."""
-
-    source: str
-    size: tuple[int, int] | None
-    frame_rate: float | None
-    count: int | None
-    timestamps: Timestamps
-    live: bool
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Peculiarities that were mended."""
-
-    def read(self, wanted: bool) -> Raw | None:
-        """Give the next frame; its picture may be None where it is not wanted."""
-
-    def close(self) -> None:
-        """Release the source; harmless when repeated."""
 
 
 class Frames(Iterator[Frame]):
@@ -252,41 +222,6 @@ class Frames(Iterator[Frame]):
         return f"<Frames of {self.source}: {size}{count}, timestamps from {self.timestamps}>"
 
 
-def to_grey(image: NDArray[Any]) -> NDArray[Any]:
-    """Turn a BGR or BGRA picture into grey, in its own type; a grey one is returned as it is."""
-    if image.ndim == 2:
-        return image
-    if image.shape[2] == 1:
-        return image[:, :, 0]
-    import cv2
-
-    grey: NDArray[Any] = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY if image.shape[2] == 3 else cv2.COLOR_BGRA2GRAY)
-    return grey
-
-
-def to_color(image: NDArray[Any]) -> NDArray[Any]:
-    """Turn a grey or BGRA picture into BGR, in its own type."""
-    if image.ndim == 3 and image.shape[2] == 3:
-        return image
-    import cv2
-
-    code = cv2.COLOR_BGRA2BGR if image.ndim == 3 and image.shape[2] == 4 else cv2.COLOR_GRAY2BGR
-    color: NDArray[Any] = cv2.cvtColor(np.ascontiguousarray(image), code)
-    return color
-
-
-def check_roi(roi: tuple[int, int, int, int] | None, size: tuple[int, int], where: str) -> None:
-    """Raise OptionError unless `roi` lies inside a picture of `size`."""
-    if roi is None:
-        return
-    x, y, w, h = roi
-    if x < 0 or y < 0 or w < 1 or h < 1 or x + w > size[0] or y + h > size[1]:
-        raise OptionError(
-            f"roi: got (x, y, width, height) = {roi}, "
-            f"expected a region inside the {size[0]} x {size[1]} pixels of {where}"
-        )
-
-
 def frames(
     source: FrameSource,
     *,
@@ -366,7 +301,7 @@ def frames(
     begin = _integer("start", 0 if start is None else start, 0)
     end = None if stop is None else _integer("stop", stop, 0)
     step = _integer("stride", stride, 1)
-    region = None if roi is None else _region(roi)
+    region = None if roi is None else region_of(roi)
     if frame_rate is not None and not (math.isfinite(frame_rate) and frame_rate > 0):
         raise OptionError(f"frame_rate: got {frame_rate}, expected a finite number of frames per second above 0")
     if frame_rate is not None and times is not None:
@@ -402,11 +337,3 @@ def _integer(name: str, value: Any, least: int) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise OptionError(f"{name}: got {value!r}, expected an integer of at least {least}")
     return int(value)
-
-
-def _region(roi: Any) -> tuple[int, int, int, int]:
-    try:
-        x, y, w, h = (int(value) for value in roi if int(value) == value)
-    except (TypeError, ValueError):
-        raise OptionError(f"roi: got {roi!r}, expected four integers (x, y, width, height)") from None
-    return x, y, w, h
