@@ -5,86 +5,27 @@ from __future__ import annotations
 import json
 import math
 import time
-from functools import cache
 
 import cv2
 import numpy as np
 import pytest
 
 import rsflow
+from calibration_helpers import (
+    BOARD,
+    DOTS,
+    SQUARE_M,
+    TRUTH,
+    blank,
+    calibration,
+    chessboard,
+    corners_in_camera,
+    poses,
+    render,
+    views,
+)
 from rsflow.camera import _search, _solve
 from rsflow.camera.board import Board, charuco_detector, find_corners
-from rsflow.cli import main
-
-TRUTH = rsflow.Camera(
-    398.3, 399.1, 236.4, 183.7, width=480, height=360, distortion=(-0.26, 0.08, 0.0009, -0.0004, -0.01)
-)
-BOARD, SQUARE_M = (8, 6), 0.025
-SAMPLES = 3  # per pixel and axis
-DOTS = 32  # of the printed board, per square
-
-
-@cache
-def rays() -> np.ndarray:
-    """Rays of all samples of the true camera, (height, width, 2)."""
-    centres = np.mgrid[0 : TRUTH.height, 0 : TRUTH.width].reshape(2, -1)[::-1].T
-    at_centres = TRUTH.undistort_points(centres, normalized=True).reshape(TRUTH.height, TRUTH.width, 2)
-    return cv2.resize(at_centres, None, fx=SAMPLES, fy=SAMPLES, interpolation=cv2.INTER_LINEAR)
-
-
-def poses(count: int, seed: int = 4) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Rotation vectors and positions of the board's middle: tilted, near and far, all over the picture."""
-    rng = np.random.default_rng(seed)
-    result = []
-    for i in range(count):
-        tilt, axis, distance = rng.uniform(0.3, 0.6), rng.uniform(0, 2 * math.pi), rng.uniform(0.27, 0.45)
-        rotation = tilt * np.array([math.cos(axis), math.sin(axis), rng.uniform(-0.3, 0.3)])
-        room = (0.6 * distance - 0.12, 0.45 * distance - 0.095)
-        result.append((rotation, np.append(np.array([(i % 3) - 1.0, (i // 3 % 3) - 1.0]) * room, distance)))
-    return result
-
-
-def corners_in_camera(pose: tuple[np.ndarray, np.ndarray], board: Board) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rotation vector and translation of the board's first corner, and its rotation matrix."""
-    rotation = cv2.Rodrigues(pose[0])[0]
-    middle = board.points().mean(axis=0)
-    return pose[0], pose[1] - rotation @ middle, rotation
-
-
-def chessboard(cut: float = 0.0) -> np.ndarray:
-    """The board as a picture, first corner 3 squares from the edge; `cut` squares are cut from its right side."""
-    cols, rows = BOARD
-    sheet = np.full(((rows + 5) * DOTS, (cols + 5) * DOTS), 90, np.uint8)
-    sheet[DOTS // 2 : -DOTS // 2, DOTS // 2 : -DOTS // 2] = 205
-    for y in range(rows + 1):
-        for x in range(y % 2, cols + 1, 2):
-            sheet[(y + 2) * DOTS : (y + 3) * DOTS, (x + 2) * DOTS : (x + 3) * DOTS] = 30
-    if cut:
-        sheet[:, round((cols + 3 - cut) * DOTS) :] = 90
-    return sheet
-
-
-def render(pose, sheet: np.ndarray, *, first=3.0, seed=0, board: Board | None = None) -> np.ndarray:
-    """Render a sheet whose first corner is `first` squares from its edges: sampled, blurred, with noise."""
-    _, translation, rotation = corners_in_camera(pose, board or Board(BOARD, SQUARE_M))
-    inverse = np.linalg.inv(np.column_stack([rotation[:, 0], rotation[:, 1], translation]))
-    to_dots = np.diag([DOTS / SQUARE_M, DOTS / SQUARE_M, 1.0])
-    to_dots[:2, 2] = first * DOTS - 0.5
-    where = cv2.perspectiveTransform(rays(), to_dots @ inverse).astype(np.float32)
-    fine = cv2.remap(sheet, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=90)
-    image = cv2.resize(fine.astype(np.float32), TRUTH.size, interpolation=cv2.INTER_AREA)
-    image = cv2.GaussianBlur(image, (0, 0), 0.6) + np.random.default_rng(seed).normal(0, 2.0, image.shape)
-    return np.clip(np.round(image), 0, 255).astype(np.uint8)
-
-
-@cache
-def views() -> tuple[np.ndarray, ...]:
-    return tuple(render(pose, chessboard(), seed=i) for i, pose in enumerate(poses(12)))
-
-
-@cache
-def calibration() -> rsflow.Calibration:
-    return rsflow.calibrate(list(views()), board=BOARD, square_size_m=SQUARE_M)
 
 
 def errors_in_deviations(result: rsflow.Calibration) -> dict[str, float]:
@@ -232,10 +173,6 @@ def test_of_a_video_only_views_that_differ_are_used(tmp_path, monkeypatch):
     assert len(seen) == 3
 
 
-def blank(count: int = 4) -> list[np.ndarray]:
-    return [np.random.default_rng(i).integers(90, 110, (90, 120), np.uint8) for i in range(count)]
-
-
 def test_a_board_that_is_never_found_is_an_error_that_says_what_was_tried():
     with pytest.raises(rsflow.CalibrationError, match=r"8 x 6 inner corners was found in 0 of 4 .*no board found in 4"):
         rsflow.calibrate(blank(), board=BOARD, square_size_m=SQUARE_M)
@@ -320,108 +257,3 @@ def test_a_large_picture_is_searched_small_and_refined_at_full_size():
     at_full, at_small = find_corners(large, board), find_corners(views()[1], board)
     assert np.abs((at_full.points + 0.5) / 4 - 0.5 - at_small.points).max() < 0.25
     assert charuco_detector(Board((5, 4), 0.03, "charuco")) is not None
-
-
-@pytest.fixture
-def folder(tmp_path):
-    for i, view in enumerate(views()):
-        cv2.imwrite(str(tmp_path / f"view{i}.png"), view)
-    return tmp_path
-
-
-def test_the_command_writes_a_camera_and_pictures(folder, capsys):
-    arguments = [
-        "calibrate",
-        f"{folder}/view*.png",
-        "--board",
-        "8x6",
-        "--square",
-        "0.025",
-        "-o",
-        f"{folder}/out/cam.yaml",
-    ]
-    assert main([*arguments, "--pictures", f"{folder}/pictures"]) == 0
-    out = capsys.readouterr()
-    assert "f is known to" in out.out
-    assert "view10.png" in out.out
-    assert out.err == ""
-    assert rsflow.Camera.load(folder / "out" / "cam.yaml").std["fx"] > 0
-    assert len(list((folder / "pictures").glob("*.png"))) == 13
-
-
-def test_the_command_prints_json_and_takes_many_names(folder, capsys):
-    names = [str(folder / f"view{i}.png") for i in range(5)]
-    assert main(["calibrate", *names, "--board", "8X6", "--square", "0.025", "--json"]) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert len(data["views"]) == 5
-    assert abs(data["camera"]["fx"] / TRUTH.fx - 1) < 0.01
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "message"),
-    [
-        (["--board", "8x6", "--square", "0.025", "-o", "cam.txt"], 1, "cam.txt: the suffix says no format"),
-        (["--board", "8", "--square", "0.025"], 2, "got '8', expected columns and rows"),
-        (["--board", "8x6", "--square", "-1"], 2, "got '-1', expected a length in metres above 0"),
-        (["--board", "8x6"], 2, "--square"),
-        (["--board", "8x6", "--square", "0.025", "--max-views", "1"], 1, "max_views: got 1"),
-    ],
-)
-def test_the_command_says_in_one_line_what_is_wrong(tmp_path, capsys, arguments, code, message):
-    cv2.imwrite(str(tmp_path / "a.png"), blank(1)[0])
-    assert main(["calibrate", str(tmp_path / "a.png"), *arguments]) == code
-    err = capsys.readouterr().err
-    assert message in err
-    assert err.count("\n") == 1
-
-
-class BoardCamera:
-    """A made-up live camera before which the board moves from view to view."""
-
-    def __init__(self):
-        self.grabbed = 0
-
-    def isOpened(self):  # noqa: N802
-        return True
-
-    def get(self, what):
-        return {cv2.CAP_PROP_FRAME_WIDTH: TRUTH.width, cv2.CAP_PROP_FRAME_HEIGHT: TRUTH.height}.get(what, 30.0)
-
-    def grab(self):
-        time.sleep(0.02)
-        self.grabbed += 1
-        return True
-
-    def retrieve(self):
-        return True, views()[self.grabbed // 5 % len(views())]
-
-    def release(self):
-        pass
-
-
-def test_a_live_camera_is_calibrated_with_hints_where_to_hold_the_board(monkeypatch, capsys):
-    monkeypatch.setattr("rsflow.camera._live.LiveReader._opened", lambda _self: BoardCamera())
-    views()
-    assert main(["calibrate", "0", "--board", "8x6", "--square", "0.025", "--max-views", "5", "--json"]) == 0
-    out = capsys.readouterr()
-    assert sum(view["used"] for view in json.loads(out.out)["views"]) == 5
-    assert "48 corners (1 views); hold the board in the " in out.err
-    assert "(5 views)" in out.err
-
-
-def test_ctrl_c_ends_a_live_source_that_has_shown_enough(monkeypatch):
-    monkeypatch.setattr("rsflow.camera._live.LiveReader._opened", lambda _self: BoardCamera())
-
-    def interrupt_after(count):
-        def on_view(_view, usable):
-            if usable == count:
-                raise KeyboardInterrupt
-
-        return on_view
-
-    result = rsflow.calibrate(0, board=BOARD, square_size_m=SQUARE_M, on_view=interrupt_after(4))
-    assert len(result.used) == 4
-    with pytest.raises(KeyboardInterrupt):
-        rsflow.calibrate(0, board=BOARD, square_size_m=SQUARE_M, on_view=interrupt_after(2))
-    with pytest.raises(KeyboardInterrupt):
-        rsflow.calibrate(list(views()), board=BOARD, square_size_m=SQUARE_M, on_view=interrupt_after(4))

@@ -1,0 +1,157 @@
+"""Velocity where it cannot be measured, where a call is misused, and what holds for any input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rsflow import Camera, DTypeError, OptionError, ShapeError, Velocity, VelocityEstimator, VelocityStatus
+from rsflow.synthetic import Sensor, flight
+from velocity_helpers import QUIET, WIDE, vector, velocities
+
+
+def unmeasured(v: Velocity, status: VelocityStatus) -> None:
+    assert v.status is status, v
+    assert not v.valid
+    assert np.isnan(vector(v)).all()
+    assert np.isinf(np.diag(v.covariance)).all()
+
+
+def test_statuses() -> None:
+    f = flight(frames=3, velocity_m_s=(0.05, 0.0, 0.0), sensor=QUIET, seed=17)
+    other = flight(frames=1, sensor=QUIET, kind="fine", seed=990).images[0]
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    unmeasured(estimator.update(f.images[0], 0.0), VelocityStatus.FIRST_FRAME)
+    unmeasured(estimator.update(f.images[1], 0.0), VelocityStatus.TIME_NOT_INCREASING)
+    unmeasured(estimator.update(f.images[2], -1.0), VelocityStatus.TIME_NOT_INCREASING)
+    unmeasured(estimator.update(other, 1.0), VelocityStatus.SCENE_CUT)
+    flat = np.full_like(other, 90)
+    assert estimator.update(flat, 2.0).status in (VelocityStatus.SCENE_CUT, VelocityStatus.TOO_FEW_POINTS)
+    unmeasured(estimator.update(flat, 3.0), VelocityStatus.NO_TEXTURE)
+    # After all that it measures again.
+    estimator.update(f.images[0], 4.0)
+    assert estimator.update(f.images[1], 4.0 + 1 / 30).valid
+
+
+def test_flat_noise_has_no_texture_to_follow() -> None:
+    rng = np.random.default_rng(18)
+    camera = flight(frames=1).camera
+    estimator = VelocityEstimator(camera, height_m=0.2)
+    noise = [np.clip(np.rint(100 + 2 * rng.standard_normal((144, 176))), 0, 255).astype(np.uint8) for _ in range(3)]
+    found = [estimator.update(image, 0.1 * k) for k, image in enumerate(noise)][1:]
+    assert not any(v.valid for v in found)
+
+
+def test_without_a_height_the_flow_is_still_measured() -> None:
+    f = flight(frames=3, velocity_m_s=(0.05, 0.0, 0.0), sensor=QUIET, seed=19)
+    estimator = VelocityEstimator(f.camera)
+    estimator.update(f.images[0], 0.0)
+    v = estimator.update(f.images[1], float(f.t_s[1]))
+    unmeasured(v, VelocityStatus.NO_HEIGHT)
+    assert v.flow_px == pytest.approx(0.05 * 180 / 0.2 / 30, rel=0.02)
+    assert estimator.update(f.images[2], float(f.t_s[2]), height_m=0.2).valid
+    unmeasured(estimator.update(f.images[1], 9.0, height_m=float("nan")), VelocityStatus.NO_HEIGHT)
+
+
+def test_camera_that_looks_along_the_ground_sees_none() -> None:
+    f = flight(frames=2, velocity_m_s=(0.05, 0.0, 0.0), sensor=QUIET, seed=20)
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    estimator.update(f.images[0], 0.0)
+    unmeasured(estimator.update(f.images[1], float(f.t_s[1]), down=(0.0, 0.0, -1.0)), VelocityStatus.NO_GROUND)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"height_m": 0.0}, "height_m is 0.0, expected a length in metres above 0"),
+        ({"height_m": float("nan")}, "height_m is nan"),
+        ({"rate_std_rad_s": float("nan")}, r"rate_std_rad_s is nan, expected a rate of 0 or more"),
+        ({"height_std_m": -1.0}, "height_std_m is -1.0, expected a length of 0 or more"),
+        ({"R_body_from_camera": np.eye(2)}, r"R_body_from_camera is .*, expected a \(3, 3\) rotation"),
+        ({"R_body_from_camera": np.diag([1, 1, -1])}, "determinant 1"),
+        ({"lever_arm_m": (1.0, 2.0)}, "lever_arm_m is .*, expected three finite numbers"),
+    ],
+)
+def test_misuse_of_the_estimator(options: dict[str, object], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        VelocityEstimator(WIDE, **options)  # type: ignore[arg-type]
+
+
+def test_misuse_of_update() -> None:
+    with pytest.raises(DTypeError, match=r"camera is str, expected rsflow.Camera"):
+        VelocityEstimator("cam.yaml")  # type: ignore[arg-type]
+    estimator = VelocityEstimator(WIDE, height_m=0.2)
+    image = np.zeros((120, 160), np.uint8)
+    with pytest.raises(
+        OptionError, match="t_s is nan, expected a time in seconds; pictures of a folder carry no times"
+    ):
+        estimator.update(image, float("nan"))
+    with pytest.raises(OptionError, match="height_m and range_m are both given"):
+        estimator.update(image, 0.0, height_m=1.0, range_m=1.0)
+    with pytest.raises(OptionError, match=r"height_m is -1.0"):
+        estimator.update(image, 0.0, height_m=-1.0)
+    with pytest.raises(OptionError, match=r"range_m is 0.0"):
+        estimator.update(image, 0.0, range_m=0.0)
+    with pytest.raises(OptionError, match=r"down is \(0, 0, 0\), expected a direction"):
+        estimator.update(image, 0.0, down=(0, 0, 0))
+    with pytest.raises(OptionError, match=r"rate_rad_s is .* expected three finite numbers"):
+        estimator.update(image, 0.0, rate_rad_s=(0, float("inf"), 0))
+    with pytest.raises(ShapeError, match=r"image is 80 x 60 pixels, the camera 160 x 120; use camera.scaled\(80, 60\)"):
+        estimator.update(np.zeros((60, 80), np.uint8), 0.0)
+    with pytest.raises(ShapeError, match=r"image has shape \(120, 160, 3\), expected \(height, width\)"):
+        estimator.update(np.zeros((120, 160, 3), np.uint8), 0.0)
+    with pytest.raises(DTypeError, match="image is float64, expected uint8, uint16 or float32"):
+        estimator.update(np.zeros((120, 160)), 0.0)
+    with pytest.raises(DTypeError, match="image is list, expected a numpy array"):
+        estimator.update([[0]], 0.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (3, 3), (9, 7), (400, 2)])
+def test_tiny_pictures_are_no_crash(size: tuple[int, int]) -> None:
+    width, height = size
+    camera = Camera(50.0, 50.0, 0.0, 0.0, width=width, height=height)
+    rng = np.random.default_rng(22)
+    for dtype in (np.uint8, np.float32):
+        estimator = VelocityEstimator(camera, height_m=1.0)
+        for k in range(3):
+            v = estimator.update(rng.integers(0, 255, (height, width)).astype(dtype), float(k))
+        assert not v.valid
+        assert np.isnan(vector(v)).all()
+
+
+def test_pixels_that_are_nan_are_left_out() -> None:
+    f = flight(frames=2, velocity_m_s=(0.08, 0.0, 0.0), sensor=Sensor(noise=0.5, dtype="float32"), seed=23)
+    images = f.images.copy()
+    images[:, 30:60, 40:90] = np.nan
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    estimator.update(images[0], 0.0)
+    assert estimator.update(images[1], float(f.t_s[1])).vx_m_s == pytest.approx(0.08, rel=0.01)
+    estimator.update(np.full_like(images[0], np.nan), 1.0)
+    assert not estimator.update(np.full_like(images[0], np.nan), 2.0).valid
+
+
+def test_velocity_is_proportional_to_the_height_and_odd_in_time() -> None:
+    f = flight(frames=2, velocity_m_s=(0.07, -0.04, 0.0), sensor=QUIET, seed=24)
+    found = {}
+    for name, height, order in (("plain", 0.2, (0, 1)), ("twice", 0.4, (0, 1)), ("back", 0.2, (1, 0))):
+        estimator = VelocityEstimator(f.camera, height_m=height)
+        for t, k in enumerate(order):
+            found[name] = estimator.update(f.images[k], float(t))
+    np.testing.assert_allclose(vector(found["twice"]), 2 * vector(found["plain"]), rtol=1e-9)
+    np.testing.assert_allclose(found["twice"].covariance, 4 * found["plain"].covariance, rtol=1e-9)
+    np.testing.assert_allclose(vector(found["back"])[:2], -vector(found["plain"])[:2], atol=0.001 * 0.2)
+
+
+def test_same_pictures_give_the_same_bits_for_any_number_of_threads() -> None:
+    import rsflow
+
+    f = flight(frames=3, velocity_m_s=(0.07, -0.04, 0.1), sensor=QUIET, seed=25)
+    found = []
+    before = rsflow.get_num_threads()
+    try:
+        for threads in (1, 2, 7):
+            rsflow.set_num_threads(threads)
+            found.append([(*vector(v), *v.covariance.ravel()) for v in velocities(f)])
+    finally:
+        rsflow.set_num_threads(before)
+    assert found[0] == found[1] == found[2]
