@@ -209,20 +209,3 @@ def test_misuse_is_refused(arguments: dict, error: type[Exception], message: str
     arguments = {"prev": scene(), "next": scene(), **arguments}
     with pytest.raises(error, match=message):
         rsflow.dense_flow(arguments.pop("prev"), arguments.pop("next"), **arguments)
-
-
-def test_opencv_object_is_replaced() -> None:
-    from rsflow.interop.opencv import DenseFlow
-
-    prev, following = scene(), scene(1.5, 0.5)
-    estimator = DenseFlow(preset="fast")
-    flow = estimator.calc(prev, following, None)
-    np.testing.assert_array_equal(flow, rsflow.dense_flow(prev, following, preset="fast").uv)
-    again = np.zeros_like(flow)
-    assert estimator.calc(prev, following, again) is again
-    np.testing.assert_array_equal(again, flow)
-    estimator.collectGarbage()
-    with pytest.raises(rsflow.ShapeError, match=r"flow: got shape \(4, 5, 2\), expected \(120, 160, 2\)"):
-        estimator.calc(prev, following, np.zeros((4, 5, 2), np.float32))
-    with pytest.raises(rsflow.DTypeError, match="flow: got float64, expected a float32 array"):
-        estimator.calc(prev, following, np.zeros((120, 160, 2)))

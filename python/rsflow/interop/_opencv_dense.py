@@ -4,13 +4,32 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from rsflow.errors import DTypeError, ShapeError
+from rsflow.errors import OptionError
+from rsflow.flow import DenseFlow as _Estimator
 from rsflow.flow import Illumination, Preset, dense_flow
 
-__all__ = ["DenseFlow"]
+from ._outputs import in_place
+
+__all__ = [
+    "DISOPTICAL_FLOW_PRESET_FAST",
+    "DISOPTICAL_FLOW_PRESET_MEDIUM",
+    "DISOPTICAL_FLOW_PRESET_ULTRAFAST",
+    "DISOpticalFlow_create",
+    "DenseFlow",
+]
+
+DISOPTICAL_FLOW_PRESET_ULTRAFAST = 0
+DISOPTICAL_FLOW_PRESET_FAST = 1
+DISOPTICAL_FLOW_PRESET_MEDIUM = 2
+
+# The most accurate of ours that takes no longer in steady light; where there is none, the fastest.
+_PRESETS: dict[int, Preset] = {
+    DISOPTICAL_FLOW_PRESET_ULTRAFAST: "fast",
+    DISOPTICAL_FLOW_PRESET_FAST: "fast",
+    DISOPTICAL_FLOW_PRESET_MEDIUM: "balanced",
+}
 
 
 class DenseFlow:
@@ -20,6 +39,11 @@ class DenseFlow:
     ----------
     preset, illumination, max_displacement
         As in `rsflow.dense_flow`, which also tells where the flow was measured and how well it fits.
+
+    Raises
+    ------
+    OptionError
+        If an option has a value that it does not allow.
 
     Examples
     --------
@@ -42,31 +66,64 @@ class DenseFlow:
             "illumination": illumination,
             "max_displacement": max_displacement,
         }
+        # Raises now what `calc` would raise for each pair of frames.
+        _Estimator(**self._knobs)
 
-    def calc(self, I0: NDArray[Any], I1: NDArray[Any], flow: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        """Return the flow from `I0` to `I1`, (height, width, 2) float32, x then y.
+    def calc(self, I0: NDArray[Any], I1: NDArray[Any], flow: Any = None) -> NDArray[Any]:
+        """Return the flow from `I0` to `I1`.
 
         Parameters
         ----------
         I0, I1 : ndarray (height, width) of uint8, uint16 or float32
             The frames, grey.
-        flow : ndarray (height, width, 2) of float32, optional
-            Where it is given, the result is written into it and it is returned, as OpenCV does.
+        flow : ndarray (height, width, 2) of float32 or None
+            Where it has this shape and type, the result is written into it and it is returned; else it is left alone,
+            as OpenCV does. What it holds before is not used: far motion is found without a start.
+
+        Returns
+        -------
+        ndarray of float32, (height, width, 2)
+            Displacement in pixels, x then y; NaN where there was nothing to measure, as at a pixel that is not finite.
 
         Raises
         ------
         ShapeError, DTypeError
-            If a frame or `flow` does not fit.
+            If a frame does not fit, where OpenCV raises ``cv2.error``.
         """
-        uv = dense_flow(I0, I1, **self._knobs).uv
-        if flow is None:
-            return uv
-        if not isinstance(flow, np.ndarray) or flow.dtype != np.float32:
-            raise DTypeError(f"flow: got {getattr(flow, 'dtype', type(flow).__name__)}, expected a float32 array")
-        if flow.shape != uv.shape:
-            raise ShapeError(f"flow: got shape {flow.shape}, expected {uv.shape}")
-        flow[...] = uv
-        return flow
+        return in_place(flow, dense_flow(I0, I1, **self._knobs).uv)
 
     def collectGarbage(self) -> None:  # noqa: N802
         """Do nothing: memory is given back by itself."""
+
+
+def DISOpticalFlow_create(preset: int = DISOPTICAL_FLOW_PRESET_FAST) -> DenseFlow:  # noqa: N802
+    """Give a `DenseFlow` where a program asks OpenCV for a ``cv2.DISOpticalFlow``.
+
+    Parameters
+    ----------
+    preset : int
+        ``DISOPTICAL_FLOW_PRESET_ULTRAFAST`` or ``_FAST``: rsflow's ``fast``; ``_MEDIUM``: ``balanced``.
+
+    Returns
+    -------
+    DenseFlow
+        Its `calc` has the arguments, shapes and types of DIS and finds rsflow's flow. Settings of DIS alone, such as
+        ``setFinestScale``, are not there.
+
+    Raises
+    ------
+    OptionError
+        If it is another preset.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rsflow.interop import opencv
+    >>> frame = np.zeros((48, 64), np.uint8)
+    >>> dis = opencv.DISOpticalFlow_create(opencv.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    >>> dis.calc(frame, frame, None).shape
+    (48, 64, 2)
+    """
+    if preset not in _PRESETS:
+        raise OptionError(f"preset: got {preset!r}, expected 0 (ultrafast), 1 (fast) or 2 (medium)")
+    return DenseFlow(preset=_PRESETS[preset])

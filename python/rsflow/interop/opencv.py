@@ -1,12 +1,13 @@
-"""OpenCV's point functions by their own names, parameters, shapes, defaults and errors.
+"""OpenCV's flow functions by their own names, parameters, shapes, defaults and errors.
 
-A program that calls ``cv2.calcOpticalFlowPyrLK``, ``cv2.buildOpticalFlowPyramid`` or ``cv2.goodFeaturesToTrack`` runs
-unchanged with its import changed::
+A program that calls ``cv2.calcOpticalFlowPyrLK``, ``cv2.buildOpticalFlowPyramid``, ``cv2.goodFeaturesToTrack`` or
+``cv2.DISOpticalFlow_create`` runs unchanged with its import changed::
 
     from rsflow.interop.opencv import calcOpticalFlowPyrLK, goodFeaturesToTrack
 
-These answer as OpenCV does, its blind spots included: a status of 1 only says that a point ended inside of the frame.
-`rsflow.track_points` is what tells whether it went the right way, in any light.
+The point functions answer as OpenCV's do, their blind spots included: a status of 1 only says that a point ended inside
+of the frame. `rsflow.track_points` is what tells whether it went the right way, in any light. Dense flow behind
+OpenCV's interface is rsflow's own; `rsflow.dense_flow` also tells where it was measured.
 """
 
 from __future__ import annotations
@@ -19,11 +20,22 @@ from numpy.typing import NDArray
 from rsflow import _core
 from rsflow.errors import DTypeError, OptionError, ShapeError
 
-from ._opencv_dense import DenseFlow
+from ._opencv_dense import (
+    DISOPTICAL_FLOW_PRESET_FAST,
+    DISOPTICAL_FLOW_PRESET_MEDIUM,
+    DISOPTICAL_FLOW_PRESET_ULTRAFAST,
+    DenseFlow,
+    DISOpticalFlow_create,
+)
+from ._outputs import in_place
 
 __all__ = [
+    "DISOPTICAL_FLOW_PRESET_FAST",
+    "DISOPTICAL_FLOW_PRESET_MEDIUM",
+    "DISOPTICAL_FLOW_PRESET_ULTRAFAST",
     "OPTFLOW_LK_GET_MIN_EIGENVALS",
     "OPTFLOW_USE_INITIAL_FLOW",
+    "DISOpticalFlow_create",
     "DenseFlow",
     "buildOpticalFlowPyramid",
     "calcOpticalFlowPyrLK",
@@ -131,9 +143,9 @@ def calcOpticalFlowPyrLK(
     )
     shape = np.shape(prevPts)
     return (
-        _output(nextPts, moved.reshape(shape)),
-        _output(status, found[:, None]),
-        _output(err, error[:, None]),
+        in_place(nextPts, moved.reshape(shape)),
+        in_place(status, found[:, None]),
+        in_place(err, error[:, None]),
     )
 
 
@@ -286,15 +298,6 @@ def _points(name: str, value: Any) -> NDArray[np.float32]:
 def _image(value: Any) -> Any:
     """Take the finest level of a pyramid, or the image itself."""
     return value[0] if isinstance(value, (list, tuple)) and len(value) else value
-
-
-def _output(given: Any, computed: NDArray[Any]) -> NDArray[Any]:
-    """Write to the caller's array where it fits, as OpenCV does."""
-    fits = isinstance(given, np.ndarray) and given.dtype == computed.dtype and given.shape == computed.shape
-    if fits and given.flags.writeable:
-        given[...] = computed
-        return np.asarray(given)
-    return computed
 
 
 def _scharr(picture: NDArray[np.uint8]) -> NDArray[np.int16]:
