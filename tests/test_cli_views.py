@@ -55,6 +55,44 @@ def test_flow_of_a_pair(tmp_path: Path, pair: tuple[str, str], capsys: pytest.Ca
     assert "an .svg has arrows" in capsys.readouterr().err
 
 
+def test_flow_of_a_pair_with_a_mask_and_a_start(tmp_path: Path, pair: tuple[str, str]) -> None:
+    mask = np.zeros((120, 160), np.uint8)
+    mask[:, :80] = 255
+    cv2.imwrite(str(tmp_path / "mask.png"), mask)
+    assert main(["flow", *pair, "-o", str(tmp_path / "a.flo"), "--mask", str(tmp_path / "mask.png")]) == 0
+    known = ~np.isnan(rsflow.read_flow(tmp_path / "a.flo")).any(axis=2)
+    assert known[10:110, 10:80].mean() > 0.95
+    assert not known[:, 80:].any()
+    # Farther than the picture's size lets it look without a start.
+    ground = skimage.data.gravel()
+    for k in range(2):
+        cv2.imwrite(str(tmp_path / f"far{k}.png"), ground[100:200, 100 + 60 * k : 220 + 60 * k])
+    rsflow.write_flow(tmp_path / "start.npy", np.full((100, 120, 2), (-57, 2), np.float32))
+    far = ["flow", str(tmp_path / "far0.png"), str(tmp_path / "far1.png"), "-o", str(tmp_path / "far.flo")]
+    assert main([*far, "--initial", str(tmp_path / "start.npy")]) == 0
+    uv = rsflow.read_flow(tmp_path / "far.flo")
+    assert np.nanmedian(uv, axis=(0, 1)) == pytest.approx([-60, 0], abs=0.1)
+
+
+def test_flow_tells_before_it_measures_what_it_cannot_write(
+    tmp_path: Path, pair: tuple[str, str], clip: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for arguments, message in (
+        ([*pair, "-o", "a.txt"], "cannot tell the flow format of '.txt'"),
+        ([*pair, "--picture", "a.mp4"], "must end in one of .png, .jpg, .jpeg, .svg, got 'a.mp4'"),
+        ([*pair, "--picture", "a.mp4", "--style", "color"], "must end in one of .png, .jpg, .jpeg, got 'a.mp4'"),
+        ([*pair, "--stop", "3"], "--stop is for a source, got two pictures"),
+        ([clip, "-o", str(tmp_path / "a.flo")], "a source has a flow for each pair, expected a folder"),
+        ([*pair, "--mask", str(tmp_path / "none.png")], "none.png: no such file or folder"),
+        ([*pair, "--initial", str(tmp_path / "none.flo")], "No such file or directory"),
+    ):
+        assert main(["flow", *arguments]) == 1
+        out, err = capsys.readouterr()
+        assert message in err
+        assert out == ""
+    assert not (tmp_path / "a.flo").exists()
+
+
 def test_flow_of_a_clip(tmp_path: Path, clip: str, capsys: pytest.CaptureFixture[str]) -> None:
     out, video = tmp_path / "flows", tmp_path / "arrows.mp4"
     assert main(["flow", clip, "-o", str(out), "--format", "npz", "--picture", str(video)]) == 0

@@ -222,6 +222,25 @@ def test_an_npz_that_is_no_flow(tmp_path: Path) -> None:
         read_flow_times(path)
 
 
+def test_opencv_reads_and_writes_the_same_files(tmp_path: Path) -> None:
+    uv = np.random.default_rng(5).normal(0, 9, (11, 7, 2)).astype(np.float32)
+    holes = uv.copy()
+    holes[2, 3] = np.nan
+    rsflow.write_flow(tmp_path / "a.flo", holes)
+    back = cv2.readOpticalFlow(str(tmp_path / "a.flo"))
+    assert (back[2, 3] == np.float32(1e10)).all()
+    back[2, 3] = np.nan
+    np.testing.assert_array_equal(back, holes)
+    assert cv2.writeOpticalFlow(str(tmp_path / "b.flo"), uv)
+    np.testing.assert_array_equal(rsflow.read_flow(tmp_path / "b.flo"), uv)
+    # OpenCV's order of channels is B, G, R.
+    rsflow.write_flow(tmp_path / "a.pfm", uv)
+    back = cv2.imread(str(tmp_path / "a.pfm"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(back, np.dstack([np.zeros((11, 7)), uv[..., 1], uv[..., 0]]))
+    assert cv2.imwrite(str(tmp_path / "b.pfm"), back)
+    np.testing.assert_array_equal(rsflow.read_flow(tmp_path / "b.pfm"), uv)
+
+
 @pytest.mark.parametrize("suffix", FLOW_SUFFIXES)
 def test_every_truncation_is_an_error(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
@@ -264,6 +283,15 @@ def test_misuse_says_what_is_wrong(tmp_path: Path) -> None:
     for bad in (np.zeros((2, 2, 2), complex), np.full((2, 2, 2), "x")):
         with pytest.raises(rsflow.DTypeError, match="real numbers"):
             rsflow.write_flow(tmp_path / "a.flo", bad)
+    with pytest.raises(rsflow.DTypeError, match="got None, as DenseFlow gives for its first frame"):
+        rsflow.write_flow(tmp_path / "a.flo", rsflow.DenseFlow().update(np.zeros((4, 5), np.uint8)))
+    with pytest.raises(rsflow.ShapeError, match="rows of different lengths"):
+        rsflow.write_flow(tmp_path / "a.flo", [[1, 2], [3]])
+    with pytest.raises(rsflow.ShapeError, match=r"valid must be \(2, 2\) as the flow is, got \(3, 3\)"):
+        rsflow.write_flow(tmp_path / "a.flo", SimpleNamespace(uv=flow, valid=np.ones((3, 3), bool)))
+    for bad in ("soon", float("nan"), float("inf"), [1.0, 2.0]):
+        with pytest.raises(rsflow.OptionError, match=r"t1_s: got .*, expected a finite number of seconds"):
+            rsflow.write_flow(tmp_path / "a.npz", flow, t0_s=0.0, t1_s=bad)
     flow[1, 0] = 512, 3
     with pytest.raises(rsflow.OptionError, match=r"from -512 to 511.98 px, got \(512, 3\) at x=0, y=1 and 1 such"):
         rsflow.write_flow(tmp_path / "a.png", flow)

@@ -242,7 +242,7 @@ def test_misuse_says_what_is_wrong(tmp_path: Path) -> None:
         rsflow.quiver(np.ones((4, 2)), points=np.ones((4, 2)))
     with pytest.raises(rsflow.DTypeError, match="must be uint8, uint16 or floating point, got int64"):
         rsflow.quiver(uv, picture=np.zeros((10, 12), np.int64))
-    with pytest.raises(rsflow.OptionError, match=r"must end in one of \.png, \.jpg, \.jpeg, got 'a\.gif'"):
+    with pytest.raises(rsflow.OptionError, match=r"must end in one of \.png, \.jpg, \.jpeg, \.svg, got 'a\.gif'"):
         rsflow.quiver(uv, path=tmp_path / "a.gif")
     with pytest.raises(rsflow.OptionError, match="max_flow must be a positive number of pixels, got 0"):
         rsflow.flow_to_color(uv, max_flow=0)

@@ -121,6 +121,13 @@ def round_number(value: float, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> floa
     return float(max(step for step in steps if step * power <= value * (1 + 1e-9)) * power)
 
 
+def expect_picture_name(path: Path, *, vectors: bool = False) -> None:
+    """Raise OptionError unless the suffix of `path` says PNG, JPEG or, with `vectors`, SVG."""
+    suffixes = (*PICTURE_SUFFIXES, ".svg") if vectors else PICTURE_SUFFIXES
+    if path.suffix.lower() not in suffixes:
+        raise OptionError(f"a picture's name must end in one of {', '.join(suffixes)}, got {path.name!r}")
+
+
 def save_picture(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> None:
     """Write a picture as PNG or JPEG, beside its final name first.
 
@@ -134,8 +141,7 @@ def save_picture(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> No
     import cv2
 
     path = Path(path)
-    if path.suffix.lower() not in PICTURE_SUFFIXES:
-        raise OptionError(f"a picture's name must end in one of {', '.join(PICTURE_SUFFIXES)}, got {path.name!r}")
+    expect_picture_name(path)
     done, data = cv2.imencode(path.suffix.lower(), picture)
     if not done:
         raise OptionError(f"OpenCV could not encode {picture.shape[1]} x {picture.shape[0]} pixels as {path.suffix}")

@@ -7,6 +7,7 @@ header claims is held against the length of the file before anything is allocate
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -127,7 +128,8 @@ def write_flow(
     Parameters
     ----------
     path : path
-        ``.flo``, ``.png`` (KITTI: steps of 1/64 px, from -512 to 511.98), ``.npy``, ``.npz`` or ``.pfm``.
+        ``.flo``, ``.png`` (KITTI: steps of 1/64 px, from -512 to 511.98), ``.npy``, ``.npz`` or ``.pfm``. Folders that
+        are missing are made.
     field : FlowField or array_like, (height, width, 2)
         Displacement in pixels, x then y. Where it is not finite, or the field says not valid, it is unknown: 1e10 in
         ``.flo``, all zero in a ``.png``, NaN elsewhere.
@@ -137,11 +139,12 @@ def write_flow(
     Raises
     ------
     ShapeError
-        If the field is not (height, width, 2) or has no pixel.
+        If the field is not (height, width, 2), has no pixel, or is valid in another shape.
     DTypeError
         If the field is not of numbers.
     OptionError
-        If the suffix is not one of these, or a ``.png`` cannot hold so large a displacement.
+        If the suffix is not one of these, a ``.png`` cannot hold so large a displacement, or a time is not a finite
+        number.
     OSError
         If the file cannot be written.
 
@@ -158,31 +161,54 @@ def write_flow(
     True
     """
     path = Path(path)
-    writer = WRITERS.get(path.suffix.lower())
-    if writer is None:
-        raise OptionError(f"{path}: cannot tell the flow format of {path.suffix!r}; expected one of {_names()}")
+    expect_flow_name(path)
     if (t0_s is None) != (t1_s is None):
         raise OptionError(f"t0_s and t1_s belong together, got t0_s={t0_s} and t1_s={t1_s}")
+    times = {} if t0_s is None or t1_s is None else {"t0": _seconds("t0_s", t0_s), "t1": _seconds("t1_s", t1_s)}
     uv = known_flow(field)
-    times = {} if t0_s is None or t1_s is None else {"t0": float(t0_s), "t1": float(t1_s)}
     with writing(path) as partial:
-        writer(partial, uv, times)
+        WRITERS[path.suffix.lower()](partial, uv, times)
+
+
+def expect_flow_name(path: Path) -> None:
+    """Raise OptionError unless the suffix of `path` says a format of flow to write."""
+    if path.suffix.lower() not in WRITERS:
+        raise OptionError(f"{path}: cannot tell the flow format of {path.suffix!r}; expected one of {_names()}")
 
 
 def known_flow(field: FlowLike | ArrayLike) -> NDArray[np.float32]:
     """Displacements of a field or an array as a new float32 array, NaN in both components where unknown."""
+    if field is None:
+        raise DTypeError("a flow must be an array or a FlowField, got None, as DenseFlow gives for its first frame")
     valid = getattr(field, "valid", None)
-    array = np.asarray(getattr(field, "uv", field))
+    try:
+        array = np.asarray(getattr(field, "uv", field))
+    except ValueError:
+        raise ShapeError("a flow must be (height, width, 2), got rows of different lengths") from None
     if array.dtype.kind not in "fiu":
         raise DTypeError(f"a flow must be of real numbers, got dtype {array.dtype}")
     if array.ndim != 3 or array.shape[2] != 2 or array.size == 0:
         raise ShapeError(f"a flow must be (height, width, 2) with at least one pixel, got {array.shape}")
-    uv = np.array(array, np.float32)
+    with np.errstate(over="ignore"):
+        uv = np.array(array, np.float32)
     unknown = ~(np.abs(uv) <= UNKNOWN_FROM).all(axis=2)
     if valid is not None:
-        unknown |= ~np.asarray(valid, bool)
+        where = np.asarray(valid, bool)
+        if where.shape != unknown.shape:
+            raise ShapeError(f"valid must be {unknown.shape} as the flow is, got {where.shape}")
+        unknown |= ~where
     uv[unknown] = np.nan
     return uv
+
+
+def _seconds(name: str, value: float) -> float:
+    try:
+        seconds = float(value)
+    except (TypeError, ValueError):
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise OptionError(f"{name}: got {value!r}, expected a finite number of seconds")
+    return seconds
 
 
 def _names() -> str:

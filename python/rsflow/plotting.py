@@ -184,6 +184,8 @@ def quiver(
     unknown = set(knobs) - {knob.name for knob in dataclasses.fields(QuiverStyle)}
     if unknown:
         raise OptionError(f"quiver has no knob {sorted(unknown)[0]!r}; see QuiverStyle")
+    if path is not None:
+        _drawing.expect_picture_name(Path(path), vectors=True)
     uv = vectors_of(field)
     size = _size(uv, points, picture)
     canvas = np.full((*size, 3), 48, np.uint8) if picture is None else _drawing.displayed(picture)

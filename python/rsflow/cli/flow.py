@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from rsflow.camera.capture import Frame
-    from rsflow.flow import FlowField
+    from rsflow.flow import DenseFlow, FlowField
     from rsflow.plotting import QuiverStyle
 
 DESCRIPTION = """\
@@ -30,6 +30,7 @@ examples:
   rsflow flow a.png b.png -o kitti.png              KITTI's, 16 bits (.npy, .npz and .pfm are there as well)
   rsflow flow a.png b.png --picture arrows.svg      arrows over a.png, as vectors (.png and .jpg as pixels)
   rsflow flow a.png b.png --picture c.png --style color       Middlebury's colours, with their wheel
+  rsflow flow a.png b.png --mask m.png --initial guess.flo -o flow.flo
   rsflow flow clip.mp4 --picture arrows.mp4         a video, with one scale for all of it
   rsflow flow clip.mp4 -o folder --format npz       a file for each pair: flow_000001.npz, with times
 
@@ -48,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="FILE|FOLDER", help="where to write the flow: a file of a pair, a folder of a source"
     )
     parser.add_argument(
-        "--format", choices=("flo", "png", "npy", "npz", "pfm"), default="flo", help="of the files in the folder (flo)"
+        "--format", choices=("flo", "png", "npy", "npz", "pfm"), help="of the files in the folder (flo)"
     )
     parser.add_argument("--picture", metavar="FILE", help="draw it: .png, .jpg or .svg of a pair, .mp4 of a source")
     parser.add_argument("--style", choices=_STYLES, default="arrows", help="how to draw it (arrows)")
@@ -60,25 +61,52 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--illumination", choices=("gain_offset", "offset", "none"), default="gain_offset", help="how light may change"
     )
     parser.add_argument("--max-displacement", type=float, metavar="PX", help="the largest motion to expect")
+    parser.add_argument("--initial", metavar="FILE", help="flow to start from, of the first pair: any flow file")
+    parser.add_argument(
+        "--mask", metavar="FILE", help="picture of the frames' size: what is black in it is not measured"
+    )
     parser.add_argument("--start", type=int, metavar="N", help="first frame of a source")
     parser.add_argument("--stop", type=int, metavar="N", help="frame of a source to stop before")
-    parser.add_argument("--stride", type=int, default=1, metavar="N", help="take every Nth frame of a source (1)")
+    parser.add_argument("--stride", type=int, metavar="N", help="take every Nth frame of a source (1)")
     parser.add_argument("--json", action="store_true", help="print a line of JSON for each pair")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command: 0 done."""
+    if args.picture and args.style != "arrows" and Path(args.picture).suffix.lower() == ".svg":
+        raise OptionError("an .svg has arrows: --style arrows")
     if args.next is None:
         return _sequence(args)
     return _pair(args)
 
 
-def _pair(args: argparse.Namespace) -> int:
+def _estimator(args: argparse.Namespace) -> DenseFlow:
     from rsflow.flow import DenseFlow
-    from rsflow.io import write_flow
+    from rsflow.io import read_flow
 
+    return DenseFlow(
+        preset=args.preset,
+        illumination=args.illumination,
+        max_displacement=args.max_displacement,
+        initial=read_flow(args.initial) if args.initial else None,
+        mask=_only(args.mask).image != 0 if args.mask else None,
+    )
+
+
+def _pair(args: argparse.Namespace) -> int:
+    from rsflow._drawing import expect_picture_name
+    from rsflow.io import expect_flow_name, write_flow
+
+    for name in ("start", "stop", "stride", "format"):
+        if getattr(args, name) is not None:
+            raise OptionError(f"--{name} is for a source, got two pictures")
+    # What cannot be written is told before it is measured.
+    if args.output:
+        expect_flow_name(Path(args.output))
+    if args.picture:
+        expect_picture_name(Path(args.picture), vectors=args.style == "arrows")
     first, second = (_only(path) for path in (args.source, args.next))
-    flow = DenseFlow(preset=args.preset, illumination=args.illumination, max_displacement=args.max_displacement)
+    flow = _estimator(args)
     flow.update(first.image)
     field = flow.update(second.image)
     assert field is not None
@@ -98,9 +126,7 @@ def _only(path: str) -> Frame:
 
 
 def _pairs(args: argparse.Namespace, source: Iterator[Frame]) -> Iterator[tuple[Frame, Frame, FlowField]]:
-    from rsflow.flow import DenseFlow
-
-    flow = DenseFlow(preset=args.preset, illumination=args.illumination, max_displacement=args.max_displacement)
+    flow = _estimator(args)
     before: Frame | None = None
     for frame in source:
         field = flow.update(frame.image)
@@ -111,19 +137,21 @@ def _pairs(args: argparse.Namespace, source: Iterator[Frame]) -> Iterator[tuple[
 
 def _sequence(args: argparse.Namespace) -> int:
     from rsflow.camera.capture import frames
-    from rsflow.io import write_flow
+    from rsflow.io import FLOW_SUFFIXES, write_flow
     from rsflow.video import VideoWriter
 
+    stride, suffix = args.stride or 1, args.format or "flo"
     if args.output:
-        Path(args.output).mkdir(parents=True, exist_ok=True)
+        folder = Path(args.output)
+        if folder.suffix.lower() in FLOW_SUFFIXES and not folder.is_dir():
+            raise OptionError(f"-o {folder}: a source has a flow for each pair, expected a folder; --format says which")
+        folder.mkdir(parents=True, exist_ok=True)
     count = 0
     with contextlib.ExitStack() as stack:
-        source = stack.enter_context(
-            frames(args.source, color=True, start=args.start, stop=args.stop, stride=args.stride)
-        )
+        source = stack.enter_context(frames(args.source, color=True, start=args.start, stop=args.stop, stride=stride))
         video = None
         if args.picture:
-            rate = (source.frame_rate or 25.0) / args.stride
+            rate = (source.frame_rate or 25.0) / stride
             video = stack.enter_context(VideoWriter(args.picture, frame_rate=rate))
         waiting: list[tuple[Frame, FlowField]] = []
         look: dict[str, Any] | None = None
@@ -142,7 +170,7 @@ def _sequence(args: argparse.Namespace) -> int:
                 count += 1
                 if args.output:
                     times = {} if math.isnan(before.t_s + after.t_s) else {"t0_s": before.t_s, "t1_s": after.t_s}
-                    write_flow(Path(args.output) / f"flow_{after.index:06d}.{args.format}", field, **times)
+                    write_flow(Path(args.output) / f"flow_{after.index:06d}.{suffix}", field, **times)
                 if video is not None:
                     waiting.append((before, field))
                     drawn(all_of_them=False)
@@ -185,8 +213,6 @@ def _draw(
     if args.style == "arrows":
         knobs = {} if style else {k: getattr(args, k) for k in ("step", "scale") if getattr(args, k) is not None}
         return quiver(field, picture=picture, style=style, path=path, **knobs)
-    if path and Path(path).suffix.lower() == ".svg":
-        raise OptionError("an .svg has arrows: --style arrows")
     limit = max_flow or args.max_flow
     if args.style == "color":
         return flow_to_color(field, max_flow=limit, legend=True, path=path)
