@@ -7,15 +7,18 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
 
 import pytest
 
 import rsflow
 from extraction_helpers import made_flight, names_in
+from rsflow._batch_stop import StopWish, stoppable
 from rsflow.batch import extract_many, folder_names
 from rsflow.cli import main
 from rsflow.errors import OptionError
+from rsflow.extraction.stopping import StopRequest
 
 
 @pytest.fixture(scope="module")
@@ -87,48 +90,139 @@ def test_runs_in_a_thread(flight, tmp_path):
     assert found[0].complete
 
 
-def test_an_interrupted_batch_begins_no_more(clips, tmp_path, monkeypatch):
-    from rsflow import batch
+def test_at_a_signal_a_caller_s_executor_is_waited_for_and_begins_no_more(clips, tmp_path):
+    handler = signal.getsignal(signal.SIGINT)
+    sources = [clips / "a", clips / "b", clips / "a", clips / "b"]
+    options = {"frame_rate": 30, "videos": False}
+    with ThreadPoolExecutor(1) as pool:
+        items = extract_many(
+            sources, tmp_path, executor=pool, on_done=lambda _: signal.raise_signal(signal.SIGINT), **options
+        )
+    assert items[0].status == "done"
+    # The second one may have been begun before the first was seen to end.
+    assert [item.status for item in items[2:]] == ["cancelled", "cancelled"]
+    assert all("not begun" in item.error for item in items[2:])
+    assert signal.getsignal(signal.SIGINT) is handler
 
-    real, calls = batch.wait, []
 
-    def pressed_once(*arguments, **options):
-        calls.append(1)
-        if len(calls) == 1:
-            raise KeyboardInterrupt
-        return real(*arguments, **options)
+def test_a_second_signal_leaves_a_caller_s_executor(clips, tmp_path):
+    def pressed_twice(_):
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(batch, "wait", pressed_once)
-    items = extract_many([clips / "a", clips / "b", clips / "a"], tmp_path, jobs=1, frame_rate=30, videos=False)
-    # What runs ends as it can, here to its end, since no signal reaches it; what waits is not begun.
-    assert items[0].status in {"done", "cancelled"}
-    assert [item.status for item in items[1:]] == ["cancelled", "cancelled"]
-    assert all("not begun" in item.error for item in items[1:])
-    assert not (tmp_path / "b").exists()
+    with ThreadPoolExecutor(1) as pool, pytest.raises(KeyboardInterrupt):
+        extract_many(
+            [clips / "a", clips / "b", clips / "a"],
+            tmp_path,
+            executor=pool,
+            on_done=pressed_twice,
+            frame_rate=30,
+            videos=False,
+        )
+
+
+def test_an_error_of_the_caller_stops_what_runs(clips, tmp_path, long):
+    def fails(_):
+        raise ZeroDivisionError
+
+    begin = time.monotonic()
+    with pytest.raises(ZeroDivisionError):
+        extract_many([clips / "none.mp4", long], tmp_path, jobs=2, on_done=fails, frame_rate=30, videos=False)
+    assert time.monotonic() - begin < 20
+    assert not (tmp_path / "long" / "motion.csv").exists()
+
+
+@pytest.fixture
+def long(clips, tmp_path):
+    """A source that takes longer than any test waits: thousands of frames."""
+    folder = tmp_path / "source" / "long"
+    folder.mkdir(parents=True)
+    pictures = sorted((clips / "a").iterdir())
+    for number in range(6000):
+        (folder / f"{number:04}.png").symlink_to(pictures[number % len(pictures)])
+    return folder
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="process groups are POSIX")
-def test_ctrl_c_at_the_terminal_keeps_what_runs_beside_a_worker_that_waits(clips, tmp_path):
-    """Every process of the group gets the signal: the one that is done and idle must not take the others with it."""
-    long = tmp_path / "long"
-    long.mkdir()
-    pictures = sorted((clips / "a").iterdir())
-    for number in range(600):
-        (long / f"{number:04}.png").symlink_to(pictures[number % len(pictures)])
-    command = [sys.executable, "-m", "rsflow", "batch", str(clips / "a"), str(long), "-o", str(tmp_path / "out")]
+@pytest.mark.parametrize(
+    ("send", "number"),
+    [(os.killpg, signal.SIGINT), (os.kill, signal.SIGINT), (os.kill, signal.SIGTERM)],
+    ids=["Ctrl-C at the terminal", "SIGINT to the parent alone", "SIGTERM to the parent alone"],
+)
+def test_a_signal_ends_a_batch_soon_and_keeps_what_is_finished(clips, tmp_path, long, send, number):
+    """At the terminal every process of the group gets it: a worker that is idle must not take the others with it."""
+    out_folder = tmp_path / "out"
+    sources = [clips / "a", long, f"{long}/*.png", clips / "b"]
+    command = [sys.executable, "-m", "rsflow", "batch"]
     process = subprocess.Popen(
-        [*command, "--jobs", "2", "--rate", "30", "--no-videos"],
+        [*command, *sources, "-o", out_folder, "--jobs", "2", "--rate", "30", "--no-videos"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
     )
-    first = process.stderr.readline()
-    assert "a: done" in first
+    assert "a: done" in process.stderr.readline()
     time.sleep(1.0)
-    os.killpg(process.pid, signal.SIGINT)
+    send(process.pid, number)
+    begin = time.monotonic()
     out, err = process.communicate(timeout=60)
+    assert time.monotonic() - begin < 10
     assert process.returncode == 130, err
     assert "Traceback" not in err
-    assert re.search(r"long: partial: interrupted after frame \d+", err), err
+    assert "rsflow batch: interrupted: of 4 sources 1 done, 2 partial, 1 cancelled" in err
+    assert re.search(r"long: partial: interrupted after frame \d+; \d+ frames are kept", err), err
     assert re.search(r"long +partial", out), out
+    for name in ("long", "source"):
+        kept = names_in(out_folder / name)
+        assert "motion.partial.csv" in kept
+        assert all(".partial." in file and not file.startswith(".") for file in kept), kept
+    assert names_in(out_folder) == {"a", "long", "source"}
+
+
+def work_until_interrupted(begun):
+    """Stand in for a job that does not look at the wish to stop."""
+    with stoppable(), StopRequest() as stop:
+        begun.touch()
+        try:
+            while True:
+                time.sleep(0.01)
+        except KeyboardInterrupt:
+            return stop.count
+
+
+def test_the_second_wish_ends_a_job_at_once(tmp_path):
+    context = get_context("spawn")
+    wish = StopWish(context)
+    begun = tmp_path / "begun"
+    with ProcessPoolExecutor(1, context, initializer=wish.watch) as pool:
+        job = pool.submit(work_until_interrupted, begun)
+        until_there(begun)
+        wish.ask()
+        with pytest.raises(TimeoutError):
+            job.result(timeout=0.5)
+        wish.ask(2)
+        assert job.result(timeout=10) >= 2
+        # What comes too late is not begun.
+        with pytest.raises(KeyboardInterrupt):
+            pool.submit(work_until_interrupted, begun).result(timeout=10)
+
+
+def until_there(path):
+    end = time.monotonic() + 30
+    while not path.exists():
+        assert time.monotonic() < end, f"{path} did not come"
+        time.sleep(0.01)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="kills as POSIX does")
+def test_workers_end_when_their_parent_is_killed(tmp_path, long):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rsflow", "batch", long, "-o", tmp_path / "out", "--rate", "30", "--no-videos"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    until_there(tmp_path / "out" / "long")
+    process.kill()
+    # The pipe ends when the last process that writes to it has ended.
+    process.communicate(timeout=30)
+    assert all(".partial." in file and not file.startswith(".") for file in names_in(tmp_path / "out" / "long"))

@@ -5,15 +5,20 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import signal
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .errors import OptionError, RsflowError
+
+if TYPE_CHECKING:
+    from ._batch_stop import StopWish
+
+# How long a signal waits to be seen, in seconds.
+_LOOK_S = 0.1
 
 __all__ = ["BatchItem", "extract_many", "folder_names"]
 
@@ -75,20 +80,21 @@ def _extract_one(source: str | int, folder: str, threads: int | None, options: d
     """Run one extraction in a worker; every expected failure becomes an item, so that it cannot stop the others."""
     import rsflow
 
+    from ._batch_stop import stoppable
     from .extraction import ExtractionInterrupted, PartialExtractionError, extract
 
     if threads is not None:
         rsflow.set_num_threads(threads)
     begun = False
     try:
-        begun = True
-        with _busy():
+        with stoppable():
+            begun = True
             done = extract(source, folder, **options)
         return BatchItem(source, Path(folder), "done", "", done.summary)
     except (PartialExtractionError, ExtractionInterrupted) as stop:
         return BatchItem(source, Path(folder), "partial", _one_line(stop), stop.extraction.summary)
     except KeyboardInterrupt:
-        return BatchItem(source, Path(folder), "failed" if begun else "cancelled", "interrupted", {})
+        return BatchItem(source, Path(folder), "failed", "interrupted", {}) if begun else _cancelled(source, folder)
     except (RsflowError, OSError, MemoryError) as error:
         return BatchItem(source, Path(folder), "failed", _one_line(error) or type(error).__name__, {})
     except Exception as error:
@@ -97,27 +103,6 @@ def _extract_one(source: str | int, folder: str, threads: int | None, options: d
 
 def _one_line(error: BaseException) -> str:
     return " ".join(str(error).split())
-
-
-def _idle(number: int, frame: object) -> None:
-    """Do nothing at Ctrl-C, which reaches every process of the group: a worker that dies would break the whole pool."""
-
-
-def _worker_signals() -> None:
-    signal.signal(signal.SIGINT, _idle)
-
-
-@contextlib.contextmanager
-def _busy() -> Iterator[None]:
-    """Let Ctrl-C end the work at hand of a worker of our own pool."""
-    ours = signal.getsignal(signal.SIGINT) is _idle
-    if ours:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        if ours:
-            signal.signal(signal.SIGINT, _idle)
 
 
 def extract_many(
@@ -157,6 +142,13 @@ def extract_many(
     OptionError
         If there are no sources, or an option is outside of what it allows.
 
+    Notes
+    -----
+    At Ctrl-C or SIGTERM, whether it reaches this process alone or its workers too, no source is begun any more; those
+    at hand end after the frame at hand and keep what is finished, as with `rsflow.extract`, and the second time they
+    end at once. The list is then returned as always: its items say what became of each. An `executor` of the caller's
+    own is not told, and waited for; the second time is a KeyboardInterrupt.
+
     Examples
     --------
     >>> import tempfile, numpy as np, rsflow
@@ -166,6 +158,7 @@ def extract_many(
     >>> items[0].status
     'failed'
     """
+    from ._batch_stop import StopWish
     from .extraction import ExtractSettings
 
     given: list[str | int] = [source if isinstance(source, int) else os.fspath(source) for source in sources]
@@ -180,9 +173,16 @@ def extract_many(
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     workers = min(jobs or processors, len(given))
     # Not fork: the parent may hold threads of OpenCV or of a video library.
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_worker_signals) as pool:
-        share = max(1, processors // workers)
-        return _collected(pool, given, folders, share, options, on_done, at_once=workers)
+    context = get_context("spawn")
+    wish = StopWish(context)
+    share = max(1, processors // workers)
+    with ProcessPoolExecutor(workers, context, initializer=wish.watch) as pool:
+        try:
+            return _collected(pool, given, folders, share, options, on_done, at_once=workers, wish=wish)
+        except BaseException:
+            # `on_done` raised: the pool is left as soon as its jobs have ended.
+            wish.ask()
+            raise
 
 
 def _collected(
@@ -194,8 +194,17 @@ def _collected(
     on_done: Callable[[BatchItem], None] | None,
     *,
     at_once: int,
+    wish: StopWish | None = None,
 ) -> list[BatchItem]:
-    """Hand out the sources, `at_once` at a time: what waits in a pool's own queue could not be called back."""
+    """Hand out the sources, `at_once` at a time: what waits in a pool's own queue could not be called back.
+
+    At Ctrl-C or SIGTERM nothing more is begun, and with a `wish` what runs is asked to end and keep what it has; the
+    second time, to end at once. The workers of a caller's executor cannot be asked: they end by themselves, and the
+    second time is a KeyboardInterrupt.
+    """
+    from ._batch_stop import held_back
+    from .extraction.stopping import StopRequest
+
     items: dict[int, BatchItem] = {}
 
     def ended(index: int, item: BatchItem) -> None:
@@ -205,37 +214,42 @@ def _collected(
 
     waiting = list(range(len(sources)))
     running: dict[Future[BatchItem], int] = {}
-    while waiting or running:
-        try:
+    # Signals are counted, so that none comes between taking a result and keeping it.
+    with StopRequest(interrupts=False) as stop:
+        while waiting or running:
+            if stop.requested:
+                for future in running:
+                    future.cancel()
+                for index in waiting:
+                    ended(index, _cancelled(sources[index], folders[index]))
+                waiting.clear()
+                if wish is None and stop.count > 1:
+                    raise KeyboardInterrupt
+                if wish is not None:
+                    wish.ask(stop.count)
             while waiting and len(running) < at_once:
-                index = waiting[0]
-                running[executor.submit(_extract_one, sources[index], folders[index], threads, options)] = waiting.pop(
-                    0
-                )
-            finished, _ = wait(running, return_when=FIRST_COMPLETED)
-        except KeyboardInterrupt:
-            # Those that run have got the signal too and keep what they have; those that wait are not begun.
-            for future in running:
-                future.cancel()
-            for index in waiting:
-                ended(index, _cancelled(sources[index], Path(folders[index])))
-            waiting = []
-            continue
-        for future in finished:
-            index = running.pop(future)
-            ended(index, _item(future, sources[index], Path(folders[index])))
+                index = waiting.pop(0)
+                # The processes of a caller's executor are the caller's affair.
+                with held_back() if wish else contextlib.nullcontext():
+                    job = executor.submit(_extract_one, sources[index], folders[index], threads, options)
+                running[job] = index
+            finished, _ = wait(running, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
+            for future in finished:
+                index = running.pop(future)
+                ended(index, _item(future, sources[index], folders[index]))
     return [items[index] for index in range(len(sources))]
 
 
-def _cancelled(source: str | int, folder: Path) -> BatchItem:
-    return BatchItem(source, folder, "cancelled", "not begun: the batch was interrupted", {})
+def _cancelled(source: str | int, folder: str) -> BatchItem:
+    return BatchItem(source, Path(folder), "cancelled", "not begun: the batch was interrupted", {})
 
 
-def _item(future: Future[BatchItem], source: str | int, folder: Path) -> BatchItem:
+def _item(future: Future[BatchItem], source: str | int, folder: str) -> BatchItem:
     if future.cancelled():
         return _cancelled(source, folder)
     error = future.exception()
     if error is not None:
         # The worker itself died: killed, out of memory, or its result could not be sent.
-        return BatchItem(source, folder, "failed", f"the worker ended: {type(error).__name__}: {_one_line(error)}", {})
+        reason = f"the worker ended: {type(error).__name__}: {_one_line(error)}"
+        return BatchItem(source, Path(folder), "failed", reason, {})
     return future.result()

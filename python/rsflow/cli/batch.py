@@ -11,7 +11,8 @@ from rsflow.cli.extract import add_options, options, source_of
 
 DESCRIPTION = """\
 Extract from many sources at once, each into a folder of its own in OUT, on a pool of processes. A source that fails
-does not stop the others; a table at the end says what became of each.
+does not stop the others; a table at the end says what became of each. Ctrl-C ends those at hand after the frame at
+hand and keeps what is finished, a second one ends them at once.
 
 examples:
   rsflow batch clips/*.mp4 -o out
@@ -54,10 +55,12 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([{**dataclasses.asdict(item), "folder": str(item.folder)} for item in items], indent=2))
     else:
         _table(items)
-    statuses = {item.status for item in items}
-    if "cancelled" in statuses or any("interrupted" in item.error for item in items):
+    statuses = [item.status for item in items]
+    if "cancelled" in statuses or any(item.error.startswith("interrupted") for item in items):
+        counts = ", ".join(f"{statuses.count(name)} {name}" for name in dict.fromkeys(statuses))
+        print(f"rsflow batch: interrupted: of {total} sources {counts}", file=sys.stderr)
         return 130
-    return 0 if statuses == {"done"} else 1
+    return 0 if set(statuses) == {"done"} else 1
 
 
 def _table(items: list) -> None:  # type: ignore[type-arg]
