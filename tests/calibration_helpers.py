@@ -10,21 +10,17 @@ import numpy as np
 
 import rsflow
 from rsflow.camera.board import Board
+from rsflow.synthetic.boards import DOTS, FIRST_CORNER, chessboard_sheet, sample_rays, seen
 
 TRUTH = rsflow.Camera(
     398.3, 399.1, 236.4, 183.7, width=480, height=360, distortion=(-0.26, 0.08, 0.0009, -0.0004, -0.01)
 )
 BOARD, SQUARE_M = (8, 6), 0.025
-SAMPLES = 3  # per pixel and axis
-DOTS = 32  # of the printed board, per square
 
 
 @cache
 def rays() -> np.ndarray:
-    """Rays of all samples of the true camera, (height, width, 2)."""
-    centres = np.mgrid[0 : TRUTH.height, 0 : TRUTH.width].reshape(2, -1)[::-1].T
-    at_centres = TRUTH.undistort_points(centres, normalized=True).reshape(TRUTH.height, TRUTH.width, 2)
-    return cv2.resize(at_centres, None, fx=SAMPLES, fy=SAMPLES, interpolation=cv2.INTER_LINEAR)
+    return sample_rays(TRUTH)
 
 
 def poses(count: int, seed: int = 4) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -47,27 +43,17 @@ def corners_in_camera(pose: tuple[np.ndarray, np.ndarray], board: Board) -> tupl
 
 
 def chessboard(cut: float = 0.0) -> np.ndarray:
-    """The board as a picture, first corner 3 squares from the edge; `cut` squares are cut from its right side."""
-    cols, rows = BOARD
-    sheet = np.full(((rows + 5) * DOTS, (cols + 5) * DOTS), 90, np.uint8)
-    sheet[DOTS // 2 : -DOTS // 2, DOTS // 2 : -DOTS // 2] = 205
-    for y in range(rows + 1):
-        for x in range(y % 2, cols + 1, 2):
-            sheet[(y + 2) * DOTS : (y + 3) * DOTS, (x + 2) * DOTS : (x + 3) * DOTS] = 30
+    """The board as a picture; `cut` squares are cut from its right side."""
+    sheet = chessboard_sheet(BOARD)
     if cut:
-        sheet[:, round((cols + 3 - cut) * DOTS) :] = 90
+        sheet[:, round((BOARD[0] + 3 - cut) * DOTS) :] = 90
     return sheet
 
 
-def render(pose, sheet: np.ndarray, *, first=3.0, seed=0, board: Board | None = None) -> np.ndarray:
+def render(pose, sheet: np.ndarray, *, first=FIRST_CORNER, seed=0, board: Board | None = None) -> np.ndarray:
     """Render a sheet whose first corner is `first` squares from its edges: sampled, blurred, with noise."""
     _, translation, rotation = corners_in_camera(pose, board or Board(BOARD, SQUARE_M))
-    inverse = np.linalg.inv(np.column_stack([rotation[:, 0], rotation[:, 1], translation]))
-    to_dots = np.diag([DOTS / SQUARE_M, DOTS / SQUARE_M, 1.0])
-    to_dots[:2, 2] = first * DOTS - 0.5
-    where = cv2.perspectiveTransform(rays(), to_dots @ inverse).astype(np.float32)
-    fine = cv2.remap(sheet, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=90)
-    image = cv2.resize(fine.astype(np.float32), TRUTH.size, interpolation=cv2.INTER_AREA)
+    image = seen(TRUTH, rays(), sheet, rotation, translation, SQUARE_M, first)
     image = cv2.GaussianBlur(image, (0, 0), 0.6) + np.random.default_rng(seed).normal(0, 2.0, image.shape)
     return np.clip(np.round(image), 0, 255).astype(np.uint8)
 

@@ -13,7 +13,6 @@ import pytest
 import rsflow
 from calibration_helpers import (
     BOARD,
-    DOTS,
     SQUARE_M,
     TRUTH,
     blank,
@@ -26,6 +25,7 @@ from calibration_helpers import (
 )
 from rsflow.camera import _search, _solve
 from rsflow.camera.board import Board, charuco_detector, find_corners
+from rsflow.synthetic.boards import DOTS
 
 
 def errors_in_deviations(result: rsflow.Calibration) -> dict[str, float]:

@@ -2,12 +2,14 @@
 
 `shifted_pair` gives two frames with an exact sub-pixel displacement, `motions_pair` two whose parts shift, turn and
 zoom each in its own way, `flight` what a camera sees that flies over flat, textured ground, `flight_with_object` the
-same with things that move on the ground and a mask of where they are.
+same with things that move on the ground and a mask of where they are, `chessboard_views` what a camera sees of a board
+that it is calibrated with.
 Everything is seeded: the same arguments give the same pixels.
 """
 
 from __future__ import annotations
 
+from .boards import chessboard_views
 from .flights import Flight, MovingObject, flight, flight_with_object
 from .lighting import LIGHTING, Lighting, auto_exposure, gain, gamma, offset, ramp, shadow, spotlight
 from .motions import MotionsPair, Part, motions_pair
@@ -27,6 +29,7 @@ __all__ = [
     "ShiftedPair",
     "Texture",
     "auto_exposure",
+    "chessboard_views",
     "flight",
     "flight_with_object",
     "gain",
