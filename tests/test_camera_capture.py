@@ -340,15 +340,12 @@ def test_sources_that_hold_nothing_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("image", "error", "message"),
     [
-        (
-            np.zeros((4, 5), np.float64),
-            rsflow.DTypeError,
-            "of float64, expected uint8, uint16 or float32",
-        ),
+        (np.zeros((4, 5)), rsflow.DTypeError, "of float64, expected uint8, uint16 or float32"),
         (np.zeros((4, 5, 7), np.uint8), rsflow.ShapeError, r"got shape \(4, 5, 7\), expected \(H, W\)"),
         (np.zeros((0, 5), np.uint8), rsflow.ShapeError, r"empty picture of shape \(0, 5\)"),
         ("soon", rsflow.CaptureError, "soon: cannot be read"),
-        (3, rsflow.DTypeError, "item 0 is a int, expected an array"),
+        (3, rsflow.DTypeError, "item 0 is of type int, expected an array"),
+        (None, rsflow.DTypeError, "item 0 is of type NoneType, expected an array"),
     ],
 )
 def test_things_that_are_no_pictures_are_refused(image, error, message):
@@ -375,12 +372,8 @@ def test_options_outside_of_their_range_are_refused(options, message):
 
 
 def test_sources_of_a_wrong_kind_are_refused():
-    for source, message in (
-        (True, "got True"),
-        (-1, "camera index -1"),
-        (None, "got NoneType"),
-        (np.zeros(3), "one array"),
-    ):
+    wrong = ((True, "got True"), (-1, "camera index -1"), (None, "got NoneType"), (np.zeros(3), "one array"))
+    for source, message in wrong:
         with pytest.raises(rsflow.OptionError, match=message):
             rsflow.frames(source)
     with pytest.raises(rsflow.OptionError, match="frames of another call"):
@@ -394,3 +387,12 @@ def test_a_closed_source_ends(tmp_path):
     source.close()
     assert list(source) == []
     assert "64 x 48" in repr(source)
+
+
+def test_none_is_not_taken_for_the_end():
+    """cv2.imread gives None for a picture that it cannot read: what comes after must not be lost in silence."""
+    picture = np.zeros((4, 5), np.uint8)
+    source = rsflow.frames([picture, None, picture])
+    next(source)
+    with pytest.raises(rsflow.DTypeError, match="item 1 is of type NoneType"):
+        next(source)

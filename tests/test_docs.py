@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 import importlib
+import inspect
 import os
 import pkgutil
 import re
@@ -33,6 +34,47 @@ def test_docstring_examples(name: str, tmp_path: Path, monkeypatch: pytest.Monke
     module = importlib.import_module(name)
     result = doctest.testmod(module, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     assert result.failed == 0
+
+
+# Whose names users import: each has an example of its own.
+PUBLIC = [
+    "rsflow.batch",
+    "rsflow.bench",
+    "rsflow.camera.board",
+    "rsflow.camera.calibration",
+    "rsflow.camera.capture",
+    "rsflow.camera.formats",
+    "rsflow.camera.model",
+    "rsflow.errors",
+    "rsflow.extraction",
+    "rsflow.flow",
+    "rsflow.interop.opencv",
+    "rsflow.io",
+    "rsflow.live",
+    "rsflow.objects",
+    "rsflow.plotting",
+    "rsflow.reproduce",
+    "rsflow.segmentation",
+    "rsflow.shift",
+    "rsflow.synthetic",
+    "rsflow.velocity",
+    "rsflow.video",
+]
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_every_public_class_and_function_has_an_example(name: str):
+    module = importlib.import_module(name)
+    documented = [getattr(module, public) for public in module.__all__]
+    documented = [item for item in documented if isinstance(item, type) or inspect.isroutine(item)]
+    assert documented
+    assert [item.__name__ for item in documented if ">>>" not in (item.__doc__ or "")] == []
+
+
+def test_examples_of_the_core_are_run():
+    """Of a compiled module doctest takes only what names the module as its own."""
+    found = doctest.DocTestFinder(exclude_empty=True).find(rsflow._core, "core")
+    assert {"core.build_info", "core.get_num_threads", "core.set_num_threads"} <= {test.name for test in found}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

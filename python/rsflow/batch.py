@@ -40,6 +40,15 @@ class BatchItem:
         Why, in one line; empty when done.
     summary : dict
         Key figures as in ``summary.json``; empty where nothing is kept.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from rsflow.batch import extract_many
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     (item,) = extract_many(["missing.mp4"], folder, jobs=1)
+    >>> item.status, item.error, item.folder.name
+    ('failed', 'missing.mp4: no such file or folder', 'missing')
     """
 
     source: str | int

@@ -58,6 +58,12 @@ class Row:
         Share of the windows, points or pixels, of those that stay in the picture, for which the method gives an answer.
     time_ms : float
         Median time of a call.
+
+    Examples
+    --------
+    >>> row = Row("points", "made", "rsflow track_points", 0.006, 0.013, 0.96, 2.6)
+    >>> row.median_px, row.time_ms
+    (0.006, 2.6)
     """
 
     subject: str
@@ -81,6 +87,12 @@ class Bench:
     threads, rounds : int
     versions : dict
         Of rsflow, OpenCV, numpy and Python.
+
+    Examples
+    --------
+    >>> row = Row("points", "made", "rsflow track_points", 0.006, 0.013, 0.96, 2.6)
+    >>> Bench((row,), "avx2", 1, 9, {"rsflow": "0.1.0"}).conditions()
+    'CPU level avx2, 1 thread, times are medians of 9 rounds; rsflow 0.1.0.'
     """
 
     rows: tuple[Row, ...]
@@ -201,7 +213,7 @@ def measure(*, threads: int = 1, rounds: int = 9, quick: bool = False) -> Bench:
 
 
 def with_tables(text: str, bench: Bench | None, *, name: str = "the file") -> str:
-    """Give the Markdown `text` with the tables of `bench` between the lines `BEGIN` and `END`.
+    r"""Give the Markdown `text` with the tables of `bench` between the lines `BEGIN` and `END`.
 
     Parameters
     ----------
@@ -211,10 +223,19 @@ def with_tables(text: str, bench: Bench | None, *, name: str = "the file") -> st
     name : str
         What to call the text in an error.
 
+    Returns
+    -------
+    str
+
     Raises
     ------
     FormatError
         If the two lines are not there once each, in this order.
+
+    Examples
+    --------
+    >>> with_tables(f"{BEGIN}\nold\n{END}\n", None) == f"{BEGIN}\nold\n{END}\n"
+    True
     """
     lines = [line.strip() for line in text.splitlines()]
     if (lines.count(BEGIN), lines.count(END)) != (1, 1) or lines.index(BEGIN) > lines.index(END):

@@ -27,7 +27,16 @@ FLOW_SUFFIXES = (".flo", ".png", ".npy", ".npz", ".pfm")
 
 
 class FlowLike(Protocol):
-    """What has a flow and says where it is known, as a `FlowField` does."""
+    """What has a flow and says where it is known, as a `FlowField` does.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> from types import SimpleNamespace
+    >>> field = SimpleNamespace(uv=np.ones((4, 6, 2), np.float32), valid=np.zeros((4, 6), bool))
+    >>> rsflow.flow_to_color(field).any()  # black where nothing is known
+    np.False_
+    """
 
     @property
     def uv(self) -> NDArray[np.float32]:
@@ -106,6 +115,15 @@ def read_flow_times(path: str | os.PathLike[str]) -> tuple[float, float] | None:
     ------
     FormatError
         If the file is not a flow in a ``.npz``, or its times are not numbers.
+
+    Examples
+    --------
+    >>> import numpy as np, pathlib, tempfile
+    >>> from rsflow.io import read_flow_times, write_flow
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_flow(pathlib.Path(folder, "a.npz"), np.zeros((4, 6, 2)), t0_s=0.5, t1_s=0.54)
+    ...     read_flow_times(pathlib.Path(folder, "a.npz"))
+    (0.5, 0.54)
     """
     path = Path(path)
     if path.suffix.lower() != ".npz":

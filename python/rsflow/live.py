@@ -40,6 +40,17 @@ class LiveReading:
         As `status`, for the velocity.
     image : (H, W) or (H, W, 3) array
         The frame, for a viewer.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> from rsflow.live import readings
+    >>> flight = rsflow.synthetic.flight(frames=3, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
+    >>> reading = list(readings(flight, camera=flight.camera, height_m=0.2))[-1]
+    >>> reading.frame, reading.status, round(reading.vx_m_s, 3)
+    (2, 'ok', 0.03)
+    >>> list(reading.as_dict())[:4]
+    ['frame', 't_s', 'dt_s', 'dx_px']
     """
 
     frame: int

@@ -63,6 +63,16 @@ class TrackedObject:
         them have a known motion the way of its centre; NaN in its first frame then, and where it changed its shape.
     age : int
         For how many frames it has been seen, this one included.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rsflow.objects import ObjectTracker
+    >>> mask = np.zeros((60, 80), bool)
+    >>> mask[20:40, 30:50] = True
+    >>> (thing,) = ObjectTracker(min_area=50).update(mask)
+    >>> thing.id, thing.x, thing.y, thing.box, thing.area
+    (1, 39.5, 29.5, (30, 20, 20, 20), 400)
     """
 
     id: int

@@ -17,7 +17,18 @@ __all__ = ["Shift", "ShiftStatus", "estimate_shift"]
 
 
 class ShiftStatus(IntEnum):
-    """Whether a displacement could be measured, and if not, why."""
+    """Whether a displacement could be measured, and if not, why.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> blank = np.full((60, 60), 90, np.uint8)
+    >>> shift = rsflow.estimate_shift(blank, blank)
+    >>> shift.status.name, shift.status.explanation
+    ('NO_TEXTURE', 'the window shows no structure that stands out of the noise')
+    >>> shift.status == rsflow.ShiftStatus.NO_TEXTURE, shift.valid
+    (True, False)
+    """
 
     VALID = 0
     """Measured."""

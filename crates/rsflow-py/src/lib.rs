@@ -12,7 +12,26 @@ mod tracking;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// Set the number of threads of all calls; 0 means one for each CPU.
+/// Set the number of threads of all calls.
+///
+/// Parameters
+/// ----------
+/// threads : int
+///     0 means one for each CPU. Results do not depend on it.
+///
+/// Raises
+/// ------
+/// OptionError
+///     If it is negative.
+///
+/// Examples
+/// --------
+/// >>> import rsflow
+/// >>> before = rsflow.get_num_threads()
+/// >>> rsflow.set_num_threads(2)
+/// >>> rsflow.get_num_threads()
+/// 2
+/// >>> rsflow.set_num_threads(before)
 #[pyfunction]
 fn set_num_threads(threads: isize) -> PyResult<()> {
     let threads = usize::try_from(threads).map_err(|_| {
@@ -27,12 +46,35 @@ fn set_num_threads(threads: isize) -> PyResult<()> {
 }
 
 /// The number of threads of all calls.
+///
+/// Returns
+/// -------
+/// int
+///
+/// Examples
+/// --------
+/// >>> import rsflow
+/// >>> rsflow.get_num_threads() >= 1
+/// True
 #[pyfunction]
 fn get_num_threads() -> usize {
     lk_core::num_threads()
 }
 
 /// What this build is and which instructions it uses here.
+///
+/// Returns
+/// -------
+/// dict
+///     `version`; `cpu_level`, the instructions that calls use, and `cpu_levels`, those that this processor has;
+///     `threads`; `profile`, "release" or "debug"; `target`, architecture and system.
+///
+/// Examples
+/// --------
+/// >>> import rsflow
+/// >>> info = rsflow.build_info()
+/// >>> info["version"] == rsflow.__version__, info["cpu_level"] in info["cpu_levels"]
+/// (True, True)
 #[pyfunction]
 fn build_info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     let info = PyDict::new(py);

@@ -155,6 +155,10 @@ class PictureReader:
         self._next = len(self._paths)
 
 
+# What stands where an iterable has ended: None may be one of its items, as cv2.imread's for a file it cannot read.
+_END = object()
+
+
 class ArrayReader:
     """Arrays, (array, t_s) pairs or `Frame` objects in memory, or made one by one by an iterable."""
 
@@ -166,8 +170,8 @@ class ArrayReader:
         self.notes: tuple[str, ...] = ()
         self._items: Iterator[Any] = iter(items)
         self._next = 0
-        self._ahead = next(self._items, None)
-        if self._ahead is None:
+        self._ahead = next(self._items, _END)
+        if self._ahead is _END:
             raise CaptureError("source: got no frame, expected at least one")
         image, t_s, _ = self._parts(self._ahead, 0)
         self.size: tuple[int, int] | None = (image.shape[1], image.shape[0]) if image.ndim >= 2 else None
@@ -185,15 +189,15 @@ class ArrayReader:
                 return read_picture(Path(item)), float(t_s), str(item)
         if not isinstance(item, np.ndarray):
             raise DTypeError(
-                f"source: item {index} is a {type(item).__name__}, expected an array, an (array, t_s) pair, "
+                f"source: item {index} is of type {type(item).__name__}, expected an array, an (array, t_s) pair, "
                 "a path or a Frame"
             )
         return item, float(t_s), ""
 
     def read(self, wanted: bool) -> Raw | None:
         """Give the next array."""
-        item = self._ahead if self._next == 0 else next(self._items, None)
-        if item is None:
+        item = self._ahead if self._next == 0 else next(self._items, _END)
+        if item is _END:
             return None
         index = self._next
         self._next += 1
@@ -203,7 +207,7 @@ class ArrayReader:
     def close(self) -> None:
         """Let go of what is left."""
         self._items = iter(())
-        self._ahead = None
+        self._ahead = _END
 
 
 def read_picture(path: Path) -> NDArray[Any]:

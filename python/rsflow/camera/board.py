@@ -49,6 +49,13 @@ class Board:
         Name of the ArUco dictionary ("DICT_4X4_50").
     legacy_pattern : bool
         True for a ChArUco board made by OpenCV before 4.6 with an even number of rows.
+
+    Examples
+    --------
+    >>> from rsflow.camera.board import Board
+    >>> board = Board((9, 6), 0.025)
+    >>> board.corners, board.points()[1].tolist()
+    (54, [0.02500000037252903, 0.0, 0.0])
     """
 
     size: tuple[int, int]
@@ -113,6 +120,16 @@ class Corners:
         Which corner of `Board.points` each is.
     plain : (N, 2) float32
         The same before corners that something beside the board had pulled away were set right.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> from rsflow.camera.board import Board, find_corners
+    >>> camera = rsflow.Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240)
+    >>> (view,) = rsflow.synthetic.chessboard_views(camera, count=1)
+    >>> corners = find_corners(view, Board((8, 6), 0.025))
+    >>> corners.points.shape, corners.ids[:3].tolist()
+    ((48, 2), [0, 1, 2])
     """
 
     points: NDArray[np.float32]
@@ -130,6 +147,26 @@ def find_corners(image: NDArray[np.uint8], board: Board) -> Corners | None:
     """Find the corners of a board in a grey picture; None where it is not seen whole (ChArUco: mostly).
 
     This can take long on a picture full of squares; `calibrate` runs it where it can be stopped.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+        The picture.
+    board : Board
+        What to look for.
+
+    Returns
+    -------
+    Corners or None
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> from rsflow.camera.board import Board, find_corners
+    >>> camera = rsflow.Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240)
+    >>> (view,) = rsflow.synthetic.chessboard_views(camera, count=1)
+    >>> find_corners(view, Board((8, 6), 0.025)).points.shape, find_corners(view, Board((9, 6), 0.025))
+    ((48, 2), None)
     """
     return _charuco(image, board) if board.pattern == "charuco" else _chessboard(image, board)
 

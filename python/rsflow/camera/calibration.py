@@ -50,6 +50,26 @@ class Calibration:
         The part of each deviation that comes from the spread between views.
     std_repair : dict of str to float
         The part that comes from corners that had to be set right: how far the parameter moves without that.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> camera = rsflow.Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240)
+    >>> views = rsflow.synthetic.chessboard_views(camera, count=4)
+    >>> found = rsflow.calibrate(views, board=(8, 6), square_size_m=0.025, coefficients=0)
+    >>> abs(found.camera.fx - 300) < 4 * found.std["fx"], found.rms < 0.1
+    (True, True)
+    >>> len(found.used), found.rejected, found.per_view_errors.shape
+    (4, {}, (4,))
+    >>> found.advice()[0]
+    'add views: 4 were used, 10 to 20 make deviations reliable'
+    >>> found.summary().split(",")[0], int(found.coverage().sum()), found.as_dict()["rms_px"] == found.rms
+    ('camera 320 x 240', 192, True)
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found.save(pathlib.Path(folder, "camera.yml"))
+    ...     [path.name for path in found.draw(folder)]
+    ['frame-0.corners.png', 'frame-1.corners.png', 'frame-2.corners.png', 'frame-3.corners.png', 'coverage.png']
     """
 
     camera: Camera
@@ -88,7 +108,7 @@ class Calibration:
         return max(self.camera.std["fx"] / self.camera.fx, self.camera.std["fy"] / self.camera.fy)
 
     def coverage(self, columns: int = 8, rows: int = 6) -> NDArray[np.int64]:
-        """Count the corners in each cell of a grid over the picture, (rows, columns)."""
+        """Count the corners of all used views in each cell of a grid over the picture, (rows, columns) int64."""
         from ._calibration_report import coverage
 
         return coverage(self, columns, rows)
@@ -117,7 +137,13 @@ class Calibration:
         return as_dict(self)
 
     def save(self, path: str | os.PathLike[str], *, format: CameraFormat | None = None) -> None:
-        """Write the camera; see `Camera.save`."""
+        """Write the camera; see `Camera.save`.
+
+        Parameters
+        ----------
+        path, format
+            As there; the errors are the same.
+        """
         self.camera.save(path, format=format)
 
     def draw(self, folder: str | os.PathLike[str]) -> list[Path]:
@@ -125,6 +151,20 @@ class Calibration:
 
         Arrows show found minus modelled position, fifty times enlarged. A view without a board is written as it is,
         with the reason.
+
+        Parameters
+        ----------
+        folder : path
+            Made if it is missing.
+
+        Returns
+        -------
+        list of Path
+
+        Raises
+        ------
+        OSError
+            If a picture cannot be written.
         """
         from ._calibration_report import draw
 
@@ -206,8 +246,11 @@ def calibrate(
     Examples
     --------
     >>> import rsflow
-    >>> calibration = rsflow.calibrate("left*.jpg", board=(9, 6), square_size_m=0.025)  # doctest: +SKIP
-    >>> calibration.save("camera.yaml")  # doctest: +SKIP
+    >>> camera = rsflow.Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240)
+    >>> images = rsflow.synthetic.chessboard_views(camera, count=5)  # of yours: images = "left*.jpg"
+    >>> calibration = rsflow.calibrate(images, board=(8, 6), square_size_m=0.025)
+    >>> round(calibration.camera.fx / camera.fx, 2)
+    1.0
     """
     target = Board(board, square_size_m, pattern, marker_size_m, dictionary, legacy_pattern)
     if coefficients not in _COEFFICIENTS:

@@ -83,6 +83,13 @@ class Frames(Iterator[Frame]):
         True for a camera or stream, which has no end.
     notes : tuple of str
         Peculiarities of the source that were mended, one sentence each.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> with rsflow.frames(np.zeros((10, 48, 64), np.uint8), frame_rate=25, stride=3) as source:
+    ...     source, source.count, source.size, source.timestamps
+    (<Frames of list of 10 arrays: 64 x 48, 4 frames, timestamps from given>, 4, (64, 48), 'given')
     """
 
     def __init__(

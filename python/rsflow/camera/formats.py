@@ -17,7 +17,7 @@ from . import _filestorage, _yaml
 from ._document import Document
 from .model import Camera, CameraFormat
 
-__all__ = ["CAMERA_SUFFIXES", "convert_camera", "format_of", "load_camera", "save_camera"]
+__all__ = ["CAMERA_SUFFIXES", "format_of", "load_camera", "save_camera"]
 
 # A camera file has a few kilobytes, a FileStorage with every corner of a long calibration a few megabytes.
 _MAX_BYTES = 16 * 1024 * 1024
@@ -45,7 +45,19 @@ _JSON_MARK = "rsflow camera"
 def load_camera(
     path: str | os.PathLike[str], *, camera: str | None = None, size: tuple[int, int] | None = None
 ) -> Camera:
-    """Read a camera from a file of any known format; see `Camera.load`."""
+    """Read a camera from a file of any known format; see `Camera.load`.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from rsflow import Camera
+    >>> from rsflow.camera.formats import load_camera, save_camera
+    >>> camera = Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_camera(camera, pathlib.Path(folder, "camera.json"))
+    ...     load_camera(pathlib.Path(folder, "camera.json")) == camera
+    True
+    """
     file = Path(path)
     if file.stat().st_size > _MAX_BYTES:
         raise FormatError(f"{file}: got {file.stat().st_size} bytes, expected a camera file of at most {_MAX_BYTES}")
@@ -220,6 +232,12 @@ def format_of(path: str | os.PathLike[str], format: CameraFormat | None = None) 
     ------
     OptionError
         If `format` is not known, or is None and the suffix says none.
+
+    Examples
+    --------
+    >>> from rsflow.camera.formats import format_of
+    >>> format_of("camera.yml"), format_of("camera.yaml", "kalibr")
+    ('opencv', 'kalibr')
     """
     if format is not None:
         if format not in ("json", "opencv", "ros", "kalibr"):
@@ -253,7 +271,19 @@ def convert_camera(
 
 
 def save_camera(camera: Camera, path: str | os.PathLike[str], *, format: CameraFormat | None = None) -> None:
-    """Write a camera; see `Camera.save`."""
+    """Write a camera; see `Camera.save`.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from rsflow import Camera
+    >>> from rsflow.camera.formats import load_camera, save_camera
+    >>> camera = Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     save_camera(camera, pathlib.Path(folder, "camera.json"))
+    ...     load_camera(pathlib.Path(folder, "camera.json")) == camera
+    True
+    """
     file = Path(path)
     kind = format_of(file, format)
     if kind == "json":

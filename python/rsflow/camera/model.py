@@ -120,6 +120,14 @@ class Camera:
             If the matrix is not 3 x 3.
         OptionError
             If it has a skew, or a last row other than (0, 0, 1).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from rsflow import Camera
+        >>> K = np.array([[300.0, 0.0, 159.5], [0.0, 300.0, 119.5], [0.0, 0.0, 1.0]])
+        >>> Camera.from_matrix(K, width=320, height=240).fx
+        300.0
         """
         K = np.asarray(matrix, dtype=np.float64)
         if K.shape != (3, 3):
@@ -191,6 +199,14 @@ class Camera:
         ------
         ShapeError
             If `points` is not (N, 2).
+
+        Examples
+        --------
+        >>> from rsflow import Camera
+        >>> camera = Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
+        >>> camera.undistort_points([[159.5, 119.5], [300.0, 119.5]]).round(1)
+        array([[159.5, 119.5],
+               [306.7, 119.5]])
         """
         pixels, dtype = _points(points)
         xy = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
@@ -219,6 +235,13 @@ class Camera:
         ------
         ShapeError
             If `points` is not (N, 2).
+
+        Examples
+        --------
+        >>> from rsflow import Camera
+        >>> camera = Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
+        >>> camera.distort_points(camera.undistort_points([[300.0, 119.5]])).round(6)
+        array([[300. , 119.5]])
         """
         xy, dtype = _points(points)
         if not normalized:
@@ -231,6 +254,19 @@ class Camera:
 
         A resized picture spans the same field, from edge to edge: x becomes (x + 0.5) s - 0.5 with s = width / old
         width, since pixel centres are at integers. That is what `cv2.resize` does. For a crop see `cropped`.
+
+        Raises
+        ------
+        OptionError
+            If the size is below 1 x 1.
+
+        Examples
+        --------
+        >>> from rsflow import Camera
+        >>> camera = Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
+        >>> half = camera.scaled(160, 120)
+        >>> half.fx, half.cx
+        (150.0, 79.5)
         """
         if width < 1 or height < 1:
             raise OptionError(f"scaled: got {width} x {height}, expected a size of at least 1 x 1")
@@ -254,6 +290,14 @@ class Camera:
         ------
         OptionError
             If the region does not lie inside the picture.
+
+        Examples
+        --------
+        >>> from rsflow import Camera
+        >>> camera = Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
+        >>> part = camera.cropped((100, 60, 120, 120))
+        >>> part.cx, part.cy, part.size
+        (59.5, 59.5, (120, 120))
         """
         x, y, w, h = roi
         if x < 0 or y < 0 or w < 1 or h < 1 or x + w > self.width or y + h > self.height:
@@ -281,6 +325,17 @@ class Camera:
             If the content is not a camera; the message names file, key, what it got and what it expected.
         OSError
             If the file cannot be read.
+
+        Examples
+        --------
+        >>> from rsflow import Camera
+        >>> camera = Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
+        >>> import pathlib, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     camera.save(pathlib.Path(folder, "camera.yml"))
+        ...     again = Camera.load(pathlib.Path(folder, "camera.yml"))
+        >>> again == camera
+        True
         """
         from .formats import load_camera
 
@@ -300,6 +355,17 @@ class Camera:
         ------
         OptionError
             If the suffix says no format, or the format cannot hold this camera.
+
+        Examples
+        --------
+        >>> from rsflow import Camera
+        >>> camera = Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
+        >>> import pathlib, tempfile
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     camera.save(pathlib.Path(folder, "camera.yml"))
+        ...     again = Camera.load(pathlib.Path(folder, "camera.yml"))
+        >>> again == camera
+        True
         """
         from .formats import save_camera
 

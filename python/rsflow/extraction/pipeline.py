@@ -33,6 +33,16 @@ class Measured:
         With camera and height only.
     motion, objects, velocity_row
         The rows of ``motion.csv``, ``objects.csv`` and ``velocity.csv``.
+
+    Examples
+    --------
+    >>> import tempfile, rsflow
+    >>> flight = rsflow.synthetic.flight(frames=3, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
+    >>> seen = []
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = rsflow.extract(flight.images, folder, frame_rate=30, videos=False, on_frame=seen.append)
+    >>> [(measured.frame.index, measured.motion["frame"], measured.flow is None) for measured in seen]
+    [(0, 0, True), (1, 1, False), (2, 2, False)]
     """
 
     frame: Any

@@ -27,6 +27,17 @@ class Extraction:
         ``.partial``.
     summary : dict
         Key figures, also in ``summary.json``; see `docs <summary.json>`.
+
+    Examples
+    --------
+    >>> import tempfile, rsflow
+    >>> flight = rsflow.synthetic.flight(frames=4, seed=1)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     done = rsflow.extract(flight.images, folder, frame_rate=30, videos=False)
+    ...     done.files["motion"].read_text().splitlines()[0][:25]
+    'frame,t_s,dt_s,dx_px,dy_p'
+    >>> done.complete, done.frames
+    (True, 4)
     """
 
     folder: Path
@@ -47,6 +58,17 @@ class PartialExtractionError(RsflowError, RuntimeError):
     ----------
     extraction : Extraction
         What is kept. The cause of the failure is the exception's ``__cause__``.
+
+    Examples
+    --------
+    >>> import tempfile, rsflow
+    >>> pictures = [*rsflow.synthetic.flight(frames=4, seed=1).images, None]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     try:
+    ...         rsflow.extract(pictures, folder, frame_rate=30, videos=False)
+    ...     except rsflow.PartialExtractionError as stop:
+    ...         print(stop.extraction.frames, stop.extraction.files["motion"].name)
+    4 motion.partial.csv
     """
 
     def __init__(self, message: str, extraction: Extraction) -> None:
@@ -64,6 +86,22 @@ class ExtractionInterrupted(KeyboardInterrupt):
     ----------
     extraction : Extraction
         What is kept.
+
+    Examples
+    --------
+    >>> import signal, tempfile, rsflow
+    >>> flight = rsflow.synthetic.flight(frames=12, seed=1)
+    >>> def interrupted():
+    ...     for index, image in enumerate(flight.images):
+    ...         if index == 4:  # Ctrl-C is pressed
+    ...             signal.raise_signal(signal.SIGINT)
+    ...         yield image
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     try:
+    ...         rsflow.extract(interrupted(), folder, frame_rate=30, videos=False)
+    ...     except rsflow.ExtractionInterrupted as stop:
+    ...         print(stop.extraction.frames, stop.extraction.files["motion"].name)
+    5 motion.partial.csv
     """
 
     def __init__(self, message: str, extraction: Extraction) -> None:

@@ -22,7 +22,15 @@ Preset = Literal["fast", "balanced", "accurate"]
 
 @dataclass(frozen=True, kw_only=True)
 class ExtractSettings:
-    """The options of `rsflow.extract`; see there for each."""
+    """The options of `rsflow.extract`; see there for each.
+
+    Examples
+    --------
+    >>> ExtractSettings(stride=2, preset="fast").validate()
+    >>> ExtractSettings(height_m=0.2).validate()
+    Traceback (most recent call last):
+    rsflow.errors.OptionError: height_m: a height needs a camera too, since a velocity follows from both: pass camera=
+    """
 
     camera: Camera | str | os.PathLike[str] | None = None
     height_m: float | str | os.PathLike[str] | None = None

@@ -42,6 +42,13 @@ class RealMotion:
         Length of the error vector of the worst pair of frames, relative to the speed.
     missed : int
         Pairs of frames for which either gave no velocity.
+
+    Examples
+    --------
+    >>> from rsflow.reproduce import RealMotion, groups
+    >>> row = RealMotion(10.0, 30.0, 2.0, 4.0, 2.1, 3.9, 3.9, 2.01, 3.9, 2.0, 0.01, 0.0, 0)
+    >>> round(row.report_error, 3), round(row.window_error, 3), row.frame_error
+    (0.05, 0.005, 0.0)
     """
 
     height_cm: float
@@ -80,6 +87,14 @@ def webcam_flight(row: Mapping[str, Any], *, frames: int, seed: int) -> Flight:
     The focal length is the one that the printed velocities follow from, so that the flow is as long as the report's
     (2 to 16 pixels, its own 1.6 to 10.5). The lens is soft, the sensor noisy, the exposure 10 ms, and the automatic
     exposure drifts by 20 % within a second and a half.
+
+    Examples
+    --------
+    >>> from rsflow.reproduce import report
+    >>> from rsflow.reproduce.flights import webcam_flight
+    >>> flown = webcam_flight(report()["table_4_3_real_motion"][0], frames=2, seed=0)
+    >>> flown.images.shape
+    (2, 144, 176)
     """
     f = implied_focal_length().mean_px
     width, height = FRAME
@@ -118,6 +133,13 @@ def real_motion(
     -------
     tuple of RealMotion
         In the order of the report.
+
+    Examples
+    --------
+    >>> from rsflow.reproduce import real_motion
+    >>> rows = real_motion(frames=2)
+    >>> len(rows), max(abs(row.frame_error) for row in rows) < 0.01
+    (24, True)
     """
     if frames < 2:
         raise OptionError(f"reproduce: frames is {frames}, expected 2 or more")
@@ -180,7 +202,15 @@ def _flown(row: Mapping[str, Any], flown: Flight) -> RealMotion:
 
 @dataclass(frozen=True)
 class Group:
-    """The three runs of table 4-3 at one height, frame rate and speed: relative errors of the mean velocity."""
+    """The three runs of table 4-3 at one height, frame rate and speed: relative errors of the mean velocity.
+
+    Examples
+    --------
+    >>> from rsflow.reproduce import RealMotion, groups
+    >>> row = RealMotion(10.0, 30.0, 2.0, 4.0, 2.1, 3.9, 3.9, 2.01, 3.9, 2.0, 0.01, 0.0, 0)
+    >>> groups([row])[0].frame_error
+    0.0
+    """
 
     height_cm: float
     frames_per_second: float
@@ -191,7 +221,16 @@ class Group:
 
 
 def groups(rows: Sequence[RealMotion]) -> list[Group]:
-    """Average the runs as the report does; its last column has the errors of the groups at 2 cm/s."""
+    """Average the runs as the report does; its last column has the errors of the groups at 2 cm/s.
+
+    Examples
+    --------
+    >>> from rsflow.reproduce import RealMotion, groups
+    >>> row = RealMotion(10.0, 30.0, 2.0, 4.0, 2.1, 3.9, 3.9, 2.01, 3.9, 2.0, 0.01, 0.0, 0)
+    >>> [group] = groups([row, row])
+    >>> group.actual_cm_s, round(group.report_error, 3)
+    (2.0, 0.05)
+    """
     found: dict[tuple[float, float, float], list[RealMotion]] = {}
     for row in rows:
         found.setdefault((row.height_cm, row.frames_per_second, row.actual_cm_s), []).append(row)

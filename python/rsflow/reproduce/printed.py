@@ -43,6 +43,12 @@ class FocalLength:
         Their mean and standard deviation.
     calibrated_px : float
         What the report's own calibration says (figure 4-1), at 640 x 480.
+
+    Examples
+    --------
+    >>> from rsflow.reproduce import implied_focal_length
+    >>> implied_focal_length().rows_px.shape
+    (24,)
     """
 
     rows_px: NDArray[np.float64]

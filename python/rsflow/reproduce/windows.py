@@ -28,6 +28,12 @@ def photographs() -> dict[str, NDArray[np.uint8]]:
     ------
     MissingExtraError
         If scikit-image is not installed.
+
+    Examples
+    --------
+    >>> from rsflow.reproduce import photographs
+    >>> sorted(photographs())
+    ['brick', 'camera', 'grass', 'gravel']
     """
     from .._extras import require
 
@@ -36,7 +42,13 @@ def photographs() -> dict[str, NDArray[np.uint8]]:
 
 
 def textures() -> dict[str, NDArray[np.uint8]]:
-    """Textures of rsflow's own, for where there are no photographs."""
+    """Textures of rsflow's own, for where there are no photographs.
+
+    Examples
+    --------
+    >>> {name: picture.shape for name, picture in textures().items()}
+    {'fine texture': (256, 256), 'smooth texture': (256, 256), 'ground texture': (256, 256)}
+    """
     found = {}
     for name, kind in (("fine texture", "fine"), ("smooth texture", "smooth"), ("ground texture", "ground")):
         levels = MEAN_LEVEL + CONTRAST_LEVELS * texture((256, 256), kind, seed=7)
@@ -46,7 +58,14 @@ def textures() -> dict[str, NDArray[np.uint8]]:
 
 @dataclass(frozen=True)
 class Condition:
-    """What happens to the second window: light, noise in both windows, and whether the light is compensated."""
+    """What happens to the second window: light, noise in both windows, and whether the light is compensated.
+
+    Examples
+    --------
+    >>> from rsflow.reproduce import CONDITIONS
+    >>> CONDITIONS[1].name, CONDITIONS[1].illumination
+    ('brighter, not compensated', 'none')
+    """
 
     name: str
     light: Lighting | None = None
@@ -79,6 +98,13 @@ class SyntheticMotion:
         What the report calculated, where it has this condition; NaN where it left a row out.
     measured_px : (pictures, 39, 2) float64
         What rsflow measured; NaN where it says that it cannot.
+
+    Examples
+    --------
+    >>> from rsflow.reproduce import CONDITIONS, synthetic_motion, textures
+    >>> table = synthetic_motion(textures(), CONDITIONS[0])
+    >>> table.errors_px.shape, bool(table.errors_px.max() < 0.05)
+    ((3, 39), True)
     """
 
     condition: str
@@ -120,6 +146,13 @@ def synthetic_motion(pictures: Mapping[str, NDArray[Any]], condition: Condition,
     Notes
     -----
     Both windows are cropped, as in the report: what left the first one is not seen in the second.
+
+    Examples
+    --------
+    >>> from rsflow.reproduce import CONDITIONS, synthetic_motion, textures
+    >>> table = synthetic_motion(textures(), CONDITIONS[0])
+    >>> table.condition, len(table.pictures), table.measured_px.shape
+    ('brighter, compensated', 3, (3, 39, 2))
     """
     with_light = report()["table_4_1_with_illumination_correction"]
     actual = np.array([row["actual_px"] for row in with_light], dtype=np.float64)

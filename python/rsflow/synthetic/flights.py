@@ -40,6 +40,14 @@ class MovingObject:
         Its mean grey level.
     seed : int
         Of its texture.
+
+    Examples
+    --------
+    >>> from rsflow import synthetic
+    >>> thing = synthetic.MovingObject((0.01, 0.0), (0.02, 0.01), (0.05, 0.0), shape="rectangle")
+    >>> flight = synthetic.flight(frames=3, objects=[thing], seed=1)
+    >>> bool((flight.masks == 1).any()), flight.objects == (thing,)
+    (True, True)
     """
 
     center_m: tuple[float, float]
@@ -91,6 +99,15 @@ class Flight:
     masks : (N, height, width) uint8
         0 on the ground, k where object k - 1 is seen.
     objects : tuple of MovingObject
+
+    Examples
+    --------
+    >>> from rsflow import synthetic
+    >>> flight = synthetic.flight(frames=3, rate_hz=30.0, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
+    >>> [(frame.index, round(frame.t_s, 3), frame.image.shape) for frame in flight]
+    [(0, 0.0, (144, 176)), (1, 0.033, (144, 176)), (2, 0.067, (144, 176))]
+    >>> flight.velocity_m_s[1].round(6).tolist()
+    [0.03, 0.0, 0.0]
     """
 
     camera: Camera

@@ -26,12 +26,26 @@ def gain(factor: float, plus: float = 0.0) -> Lighting:
 
 
 def offset(levels: float) -> Lighting:
-    """Add `levels` grey levels everywhere, as the report's kappa (equation 2.7) does."""
+    """Add `levels` grey levels everywhere, as the report's kappa (equation 2.7) does.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> offset(25.0)(np.full((1, 2), 100.0))
+    array([[125., 125.]])
+    """
     return lambda image: image + levels
 
 
 def gamma(exponent: float) -> Lighting:
-    """Raise to `exponent` on the scale of 0..255: 0.6 brightens the dark parts. Clips at 0 and 255."""
+    """Raise to `exponent` on the scale of 0..255: 0.6 brightens the dark parts. Clips at 0 and 255.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> gamma(0.5)(np.array([[0.0, 63.75, 255.0]]))
+    array([[  0. , 127.5, 255. ]])
+    """
 
     def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
         share: NDArray[np.float64] = np.clip(image, 0.0, 255.0) / 255.0
@@ -41,7 +55,14 @@ def gamma(exponent: float) -> Lighting:
 
 
 def ramp(start: float, stop: float, *, axis: str = "x") -> Lighting:
-    """Apply a gain that varies linearly from `start` at the first column (row for axis "y") to `stop` at the last."""
+    """Apply a gain that varies linearly from `start` at the first column (row for axis "y") to `stop` at the last.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> ramp(0.8, 1.2)(np.full((1, 3), 100.0))
+    array([[ 80., 100., 120.]])
+    """
 
     def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
         height, width = image.shape
@@ -62,6 +83,13 @@ def spotlight(levels: float, *, x: float = 0.6, y: float = 0.4, radius: float = 
         Its centre as a share of the width and of the height.
     radius : float
         Its standard deviation as a share of the width.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> lit = spotlight(50.0, x=0.5, y=0.5)(np.full((9, 9), 100.0))
+    >>> bool(lit.max() == lit[4, 4]), bool(lit[0, 0] < 101)
+    (True, True)
     """
 
     def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -84,6 +112,12 @@ def shadow(factor: float, *, x: float = 0.55, slope: float = 0.5) -> Lighting:
         Where the edge meets the first row, as a share of the width.
     slope : float
         Pixels that the edge goes to the left for each row down.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> shadow(0.5, x=0.5, slope=0.0)(np.full((1, 4), 100.0))
+    array([[100., 100., 100.,  50.]])
     """
 
     def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:

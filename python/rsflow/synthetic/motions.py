@@ -35,6 +35,12 @@ class Part:
         x, y, width and height of the part in `prev`; None covers the plane.
     kind : str
         Texture, see `BANDS`.
+
+    Examples
+    --------
+    >>> from rsflow.synthetic import Part
+    >>> Part(dx=2.0, zoom=1.5, x=10.0, y=10.0).move([[14.0, 10.0]])
+    array([[18., 10.]])
     """
 
     dx: float = 0.0
@@ -97,6 +103,14 @@ class MotionsPair:
         The later ones lie over the earlier ones.
     part_prev, part_next : (height, width) int64
         Which part is seen at each pixel.
+
+    Examples
+    --------
+    >>> from rsflow.synthetic import Part, motions_pair
+    >>> pair = motions_pair([Part(dx=3.0), Part(dy=-2.0, box=(20, 20, 30, 30))], size=(96, 64), seed=1)
+    >>> pair.truth([[5.0, 5.0], [30.0, 30.0]])
+    array([[ 8.,  5.],
+           [30., 28.]])
     """
 
     prev: NDArray[Any]

@@ -102,6 +102,13 @@ class Texture:
         B-spline coefficients of the tile that repeats.
     oversample : float
         Grid points for one unit of the coordinates that `sample` takes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> texture = Texture.make("smooth", seed=1, period=64)
+    >>> texture.sample(np.arange(4)[None, :], np.arange(3)[:, None]).shape
+    (3, 4)
     """
 
     coefficients: NDArray[np.float64]
@@ -196,6 +203,13 @@ class ShiftedPair:
     bound_px : float
         Cramer-Rao bound for steady light: the root mean square length of the error vector that no unbiased estimator
         goes below, from the scene's gradients, the sensor's noise and the rounding of integers.
+
+    Examples
+    --------
+    >>> from rsflow import synthetic
+    >>> pair = synthetic.shifted_pair(2.5, -1.0, size=(80, 60), seed=1)
+    >>> pair.prev.shape, pair.dx, pair.dy, pair.bound_px < 0.02
+    ((60, 80), 2.5, -1.0, True)
     """
 
     prev: NDArray[Any]

@@ -15,7 +15,16 @@ F64 = NDArray[np.float64]
 
 
 class VelocityStatus(enum.IntEnum):
-    """What became of a frame: `OK`, or why there is no velocity."""
+    """What became of a frame: `OK`, or why there is no velocity.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> flight = rsflow.synthetic.flight(frames=2, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
+    >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=0.2)
+    >>> [estimator.update(frame.image, frame.t_s).status.name for frame in flight]
+    ['FIRST_FRAME', 'OK']
+    """
 
     OK = 0
     FIRST_FRAME = 1
@@ -69,6 +78,19 @@ class Velocity:
     parts : mapping of str to (3, 3) float64
         What `covariance` is the sum of: "displacement", "height", "focal length", "principal point",
         "gyro".
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> flight = rsflow.synthetic.flight(frames=2, height_m=0.2, velocity_m_s=(0.03, -0.01, 0.0), seed=1)
+    >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=0.2)
+    >>> first, velocity = [estimator.update(frame.image, frame.t_s) for frame in flight]
+    >>> first.valid, velocity.valid
+    (False, True)
+    >>> round(velocity.vx_m_s, 3), round(velocity.vy_m_s, 3)
+    (0.03, -0.01)
+    >>> bool(np.isnan(first.vx_m_s) and np.isinf(first.covariance[0, 0]))
+    True
     """
 
     t_s: float

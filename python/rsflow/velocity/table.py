@@ -51,6 +51,13 @@ class Heights:
         Increasing.
     height_m : (N,) float64
         NaN where the file has none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> heights = Heights("t_s", np.array([0.0, 1.0]), np.array([0.2, 0.3]))
+    >>> round(heights.at(frame=7, t_s=0.5), 3), heights.at(frame=7, t_s=2.0)
+    (0.25, nan)
     """
 
     by: str
@@ -124,7 +131,20 @@ class Heights:
 
 
 def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str, Any]:
-    """Give the row of the table for one frame: numbers by the names of `COLUMNS`, the status as a word."""
+    """Give the row of the table for one frame: numbers by the names of `COLUMNS`, the status as a word.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> from rsflow.velocity import velocity_row
+    >>> flight = rsflow.synthetic.flight(frames=3, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
+    >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=0.2)
+    >>> rows = [
+    ...     velocity_row(estimator.update(frame.image, frame.t_s), frame=frame.index, height_m=0.2) for frame in flight
+    ... ]
+    >>> [(row["frame"], row["status"]) for row in rows]
+    [(0, 'first_frame'), (1, 'ok'), (2, 'ok')]
+    """
     std = np.sqrt(np.diag(velocity.covariance))
     return {
         "frame": frame,
@@ -151,6 +171,21 @@ def write_velocity_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, An
     ------
     OSError
         If the file cannot be written; one of that name stays as it was.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> from rsflow.velocity import velocity_row, write_velocity_csv
+    >>> flight = rsflow.synthetic.flight(frames=3, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
+    >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=0.2)
+    >>> rows = [
+    ...     velocity_row(estimator.update(frame.image, frame.t_s), frame=frame.index, height_m=0.2) for frame in flight
+    ... ]
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_velocity_csv(pathlib.Path(folder, "velocity.csv"), rows)
+    ...     print(pathlib.Path(folder, "velocity.csv").read_text().splitlines()[0][:30])
+    frame,t_s,dt_s,vx_m_s,vy_m_s,v
     """
     with writing(path) as partial, partial.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(COLUMNS) + "\n")
@@ -180,6 +215,21 @@ def plot_velocity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], 
         If matplotlib is not installed.
     OptionError
         If there are no rows.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> from rsflow.velocity import plot_velocity, velocity_row
+    >>> flight = rsflow.synthetic.flight(frames=3, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
+    >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=0.2)
+    >>> rows = [
+    ...     velocity_row(estimator.update(frame.image, frame.t_s), frame=frame.index, height_m=0.2) for frame in flight
+    ... ]
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     plot_velocity(pathlib.Path(folder, "velocity.svg"), rows, title="a flight")
+    ...     pathlib.Path(folder, "velocity.svg").stat().st_size > 10_000
+    True
     """
     from .._extras import require
 
