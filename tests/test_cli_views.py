@@ -93,6 +93,14 @@ def test_flow_tells_before_it_measures_what_it_cannot_write(
     assert not (tmp_path / "a.flo").exists()
 
 
+def test_pictures_have_the_rate_that_is_given(tmp_path: Path, pair: tuple[str, str]) -> None:
+    assert main(["flow", str(tmp_path / "picture*.png"), "--rate", "50", "-o", str(tmp_path), "--format", "npz"]) == 0
+    assert rsflow.io.read_flow_times(tmp_path / "flow_000001.npz") == (0.0, 0.02)
+    assert main(["segment", str(tmp_path / "picture*.png"), "--rate", "50", "-o", str(tmp_path / "segments")]) == 0
+    capture = cv2.VideoCapture(str(tmp_path / "segments" / "moving.mp4"))
+    assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(50)
+
+
 def test_flow_of_a_clip(tmp_path: Path, clip: str, capsys: pytest.CaptureFixture[str]) -> None:
     out, video = tmp_path / "flows", tmp_path / "arrows.mp4"
     assert main(["flow", clip, "-o", str(out), "--format", "npz", "--picture", str(video)]) == 0

@@ -7,7 +7,8 @@ import dataclasses
 import json
 import sys
 
-from rsflow.cli.extract import add_options, options, source_of
+from rsflow.cli._options import source_of
+from rsflow.cli.extract import add_options, options
 
 DESCRIPTION = """\
 Extract from many sources at once, each into a folder of its own in OUT, on a pool of processes. A source that fails

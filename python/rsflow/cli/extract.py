@@ -7,6 +7,16 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
+from rsflow.cli._options import (
+    add_illumination,
+    add_max_displacement,
+    add_preset,
+    add_range,
+    add_rate,
+    add_roi,
+    source_of,
+)
+
 if TYPE_CHECKING:
     from rsflow.extraction import Extraction
 
@@ -35,17 +45,6 @@ Ctrl-C stops after the frame at hand: what is finished is kept, named *.partial.
 with which --start to go on, into another folder. exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
 
 
-def region(text: str) -> tuple[int, int, int, int]:
-    """Parse ``x,y,width,height``."""
-    try:
-        x, y, width, height = (int(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"got {text!r}, expected x,y,width,height in pixels, as 0,80,640,400"
-        ) from None
-    return x, y, width, height
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that `extract` and `batch` share."""
     metric = parser.add_argument_group("metres per second")
@@ -57,28 +56,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--height-std", type=float, default=0.0, metavar="M", help="standard deviation of the height (default 0)"
     )
     part = parser.add_argument_group("part of the source")
-    part.add_argument("--start", type=int, metavar="N", help="first frame (counted from 0)")
-    part.add_argument("--stop", type=int, metavar="N", help="end before this frame")
-    part.add_argument("--stride", type=int, default=1, metavar="N", help="take every Nth frame (default 1)")
-    part.add_argument("--roi", type=region, metavar="X,Y,W,H", help="only this part of the picture, in pixels")
-    part.add_argument("--rate", type=float, metavar="HZ", help="frames per second, for pictures or slow motion")
+    add_range(part)
+    add_roi(part)
+    add_rate(part)
     how = parser.add_argument_group("how to measure")
-    how.add_argument(
-        "--preset", choices=("fast", "balanced", "accurate"), default="fast", help="of the dense flow (default fast)"
-    )
+    add_preset(how, default="fast")
     how.add_argument(
         "--camera-motion",
         choices=("auto", "moving", "static"),
         default="auto",
         help="does the camera move? (default auto: decided from the first frames)",
     )
-    how.add_argument(
-        "--illumination",
-        choices=("none", "offset", "gain_offset"),
-        default="gain_offset",
-        help="change of light that is allowed for (default gain_offset)",
-    )
-    how.add_argument("--max-displacement", type=float, metavar="PX", help="longest motion between frames to look for")
+    add_illumination(how)
+    add_max_displacement(how)
     how.add_argument("--no-videos", action="store_true", help="tables and report only: faster")
 
 
@@ -108,11 +98,6 @@ def options(args: argparse.Namespace) -> dict[str, Any]:
         "max_displacement": args.max_displacement,
         "videos": not args.no_videos,
     }
-
-
-def source_of(text: str) -> int | str:
-    """Give a camera's number as int, anything else as it is."""
-    return int(text) if text.isdecimal() else text
 
 
 def show(extraction: Extraction, *, as_json: bool, quiet: bool) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rsflow.cli._options import add_illumination, add_max_displacement, add_preset, add_range, add_rate
 from rsflow.errors import OptionError
 
 if TYPE_CHECKING:
@@ -56,18 +57,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--step", type=int, metavar="PX", help="distance between arrows (a 32nd of the width)")
     parser.add_argument("--scale", type=float, metavar="X", help="length of an arrow per pixel of motion (fitted)")
     parser.add_argument("--max-flow", type=float, metavar="PX", help="motion of full colour (fitted)")
-    parser.add_argument("--preset", choices=("fast", "balanced", "accurate"), default="balanced", help="(balanced)")
-    parser.add_argument(
-        "--illumination", choices=("gain_offset", "offset", "none"), default="gain_offset", help="how light may change"
-    )
-    parser.add_argument("--max-displacement", type=float, metavar="PX", help="the largest motion to expect")
+    add_preset(parser, default="balanced")
+    add_illumination(parser)
+    add_max_displacement(parser)
     parser.add_argument("--initial", metavar="FILE", help="flow to start from, of the first pair: any flow file")
     parser.add_argument(
         "--mask", metavar="FILE", help="picture of the frames' size: what is black in it is not measured"
     )
-    parser.add_argument("--start", type=int, metavar="N", help="first frame of a source")
-    parser.add_argument("--stop", type=int, metavar="N", help="frame of a source to stop before")
-    parser.add_argument("--stride", type=int, metavar="N", help="take every Nth frame of a source (1)")
+    add_range(parser, stride=None)
+    add_rate(parser)
     parser.add_argument("--json", action="store_true", help="print a line of JSON for each pair")
 
 
@@ -97,7 +95,7 @@ def _pair(args: argparse.Namespace) -> int:
     from rsflow._drawing import expect_picture_name
     from rsflow.io import expect_flow_name, write_flow
 
-    for name in ("start", "stop", "stride", "format"):
+    for name in ("start", "stop", "stride", "rate", "format"):
         if getattr(args, name) is not None:
             raise OptionError(f"--{name} is for a source, got two pictures")
     # What cannot be written is told before it is measured.
@@ -148,7 +146,16 @@ def _sequence(args: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
     count = 0
     with contextlib.ExitStack() as stack:
-        source = stack.enter_context(frames(args.source, color=True, start=args.start, stop=args.stop, stride=stride))
+        source = stack.enter_context(
+            frames(
+                args.source,
+                color=True,
+                start=args.start,
+                stop=args.stop,
+                stride=stride,
+                frame_rate=args.rate,
+            )
+        )
         video = None
         if args.picture:
             rate = (source.frame_rate or 25.0) / stride

@@ -8,7 +8,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Any
 
-from rsflow.cli.extract import region, source_of
+from rsflow.cli._options import add_max_displacement, add_roi, source_of
 from rsflow.errors import RsflowError
 
 if TYPE_CHECKING:
@@ -36,10 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", metavar="FILE", help="calibrated camera, with --height")
     parser.add_argument("--height", type=float, metavar="M", help="height over the ground in metres, with --camera")
     parser.add_argument("--height-std", type=float, default=0.0, metavar="M", help="its standard deviation (default 0)")
-    parser.add_argument("--roi", type=region, metavar="X,Y,W,H", help="only this part of the picture, in pixels")
-    parser.add_argument(
-        "--max-displacement", type=float, metavar="PX", help="longest motion between frames to look for"
-    )
+    add_roi(parser)
+    add_max_displacement(parser)
     parser.add_argument("--frames", type=int, metavar="N", help="end after N lines")
     parser.add_argument("--seconds", type=float, metavar="S", help="end after S seconds")
     parser.add_argument("--timeout", type=float, default=5.0, metavar="S", help="give up a silent camera (default 5 s)")

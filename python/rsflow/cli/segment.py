@@ -9,6 +9,8 @@ import math
 import sys
 from pathlib import Path
 
+from rsflow.cli._options import add_max_displacement, add_preset, add_range, add_rate
+
 DESCRIPTION = """\
 Tell what moves from what stands still in a SOURCE (a video, a folder or glob of pictures, a camera's index, a URL).
 
@@ -28,13 +30,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera-motion", choices=("moving", "static"), default="moving", help="whether the camera moves (moving)"
     )
-    parser.add_argument("--preset", choices=("fast", "balanced", "accurate"), default="fast", help="of the flow (fast)")
-    parser.add_argument("--max-displacement", type=float, metavar="PX", help="the largest motion to expect")
+    add_preset(parser, default="fast")
+    add_max_displacement(parser)
     parser.add_argument("--min-area", type=int, metavar="PX", help="leave out things of fewer pixels (1/10000)")
     parser.add_argument("--masks", action="store_true", help="also write masks/000001.png and so on")
-    parser.add_argument("--start", type=int, metavar="N", help="first frame")
-    parser.add_argument("--stop", type=int, metavar="N", help="frame to stop before")
-    parser.add_argument("--stride", type=int, default=1, metavar="N", help="take every Nth frame (1)")
+    add_range(parser)
+    add_rate(parser)
     parser.add_argument("--json", action="store_true", help="print a line of JSON for each frame")
 
 
@@ -58,7 +59,14 @@ def run(args: argparse.Namespace) -> int:
     count, seen = 0, set()
     with contextlib.ExitStack() as stack:
         source = stack.enter_context(
-            frames(args.source, color=True, start=args.start, stop=args.stop, stride=args.stride)
+            frames(
+                args.source,
+                color=True,
+                start=args.start,
+                stop=args.stop,
+                stride=args.stride,
+                frame_rate=args.rate,
+            )
         )
         rate = (source.frame_rate or 25.0) / args.stride
         table = stack.enter_context(ObjectTable(out / "objects.csv"))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rsflow.cli._options import add_illumination, add_max_displacement, add_roi
 from rsflow.errors import CaptureError
 
 if TYPE_CHECKING:
@@ -25,32 +26,13 @@ examples:
 The displacement is in pixels, x to the right and y down. Exit code 1 if it could not be measured."""
 
 
-def _roi(text: str) -> tuple[int, int, int, int]:
-    """Four integers from ``x,y,width,height``."""
-    try:
-        x, y, width, height = (int(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"got {text!r}, expected X,Y,WIDTH,HEIGHT in whole pixels") from None
-    return x, y, width, height
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
     parser.add_argument("prev", metavar="PREV", help="the first picture; colour is read as grey")
     parser.add_argument("next", metavar="NEXT", help="the second picture, of the same size")
-    parser.add_argument("--roi", type=_roi, metavar="X,Y,W,H", help="the window in PREV (default: the whole picture)")
-    parser.add_argument(
-        "--illumination",
-        choices=("gain_offset", "offset", "none"),
-        default="gain_offset",
-        help="how light may change (default: gain_offset)",
-    )
-    parser.add_argument(
-        "--max-displacement",
-        type=float,
-        metavar="PX",
-        help="the largest displacement along each axis, in pixels (default: half the window)",
-    )
+    add_roi(parser, of="the window in PREV (default: the whole picture)")
+    add_illumination(parser)
+    add_max_displacement(parser, default="half the window, along each axis")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
 
 

@@ -10,6 +10,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rsflow.cli._options import add_illumination, add_max_displacement, add_range, add_rate, source_of
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -43,18 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quality", type=float, default=0.01, help="least response of a corner, of the best one's")
     parser.add_argument("--distance", type=float, default=8.0, metavar="PX", help="least distance between new points")
     parser.add_argument("--window", type=int, default=21, metavar="PX", help="side of the window (default: 21)")
-    parser.add_argument(
-        "--illumination",
-        choices=("none", "offset", "gain_offset"),
-        default="gain_offset",
-        help="what may change in the light (default: gain_offset)",
-    )
-    parser.add_argument("--max-displacement", type=float, metavar="PX", help="longest motion from frame to frame")
+    add_illumination(parser)
+    add_max_displacement(parser)
     parser.add_argument("--trail", type=int, default=30, metavar="N", help="frames that a trail lasts (default: 30)")
-    parser.add_argument("--rate", type=float, metavar="HZ", help="frames per second, for pictures without times")
-    parser.add_argument("--start", type=int, metavar="N", help="first frame (counted from 0)")
-    parser.add_argument("--stop", type=int, metavar="N", help="end before this frame")
-    parser.add_argument("--stride", type=int, default=1, metavar="N", help="take every Nth frame")
+    add_rate(parser)
+    add_range(parser)
     parser.add_argument("--no-video", action="store_true", help="write the table alone")
     parser.add_argument("--parquet", action="store_true", help="write tracks.parquet in place of tracks.csv")
     parser.add_argument("--json", action="store_true", help="print a summary as JSON")
@@ -84,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     count, cuts, interrupted = 0, 0, False
     video = folder / "tracks.mp4"
     with ExitStack() as stack:
-        source = stack.enter_context(rsflow.frames(_source(args.source), **options))
+        source = stack.enter_context(rsflow.frames(source_of(args.source), **options))
         writer = None
         try:
             for frame in source:
@@ -115,11 +110,6 @@ def run(args: argparse.Namespace) -> int:
         print("rsflow track: interrupted; what was tracked until then is written", file=sys.stderr)
         return 130
     return 0
-
-
-def _source(text: str) -> int | str:
-    """Take a number for a camera."""
-    return int(text) if text.isdigit() else text
 
 
 def _summary(columns: dict[str, NDArray[Any]], frames: int, cuts: int) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from rsflow.cli._options import add_range, add_rate, source_of
+
 DESCRIPTION = """\
 Measure how fast a camera travels over flat ground, and what the figures are worth.
 
@@ -39,12 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     height.add_argument("--height-csv", metavar="FILE", help="heights: columns t_s,height_m or frame,height_m")
     parser.add_argument("--height-std", type=float, default=0.0, metavar="M", help="standard deviation of the height")
     parser.add_argument("-o", "--output", default=".", metavar="OUT", help="folder for the files (default: this one)")
-    parser.add_argument(
-        "--rate", "--frame-rate", type=float, metavar="HZ", help="frames per second, for pictures without times"
-    )
-    parser.add_argument("--start", type=int, metavar="N", help="first frame (counted from 0)")
-    parser.add_argument("--stop", type=int, metavar="N", help="end before this frame")
-    parser.add_argument("--stride", type=int, default=1, metavar="N", help="take every Nth frame")
+    add_rate(parser)
+    add_range(parser)
     parser.add_argument("--json", action="store_true", help="print a summary as JSON")
 
 
@@ -59,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     rows: list[dict[str, Any]] = []
     budget, interrupted = "", False
     broken: rsflow.RsflowError | None = None
-    source = int(args.source) if args.source.isdecimal() else args.source
+    source = source_of(args.source)
     with rsflow.frames(source, frame_rate=args.rate, start=args.start, stop=args.stop, stride=args.stride) as sequence:
         estimator = None
         try:

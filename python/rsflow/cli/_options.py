@@ -1,0 +1,84 @@
+"""Arguments that commands share, so that the same word means the same in each of them."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    # A parser, or a group of one.
+    from argparse import _ActionsContainer as Arguments
+
+__all__ = [
+    "add_illumination",
+    "add_max_displacement",
+    "add_preset",
+    "add_range",
+    "add_rate",
+    "add_roi",
+    "source_of",
+]
+
+
+def source_of(text: str) -> int | str:
+    """Give a camera's number as int, anything else as it is."""
+    return int(text) if text.isdecimal() else text
+
+
+def add_range(parser: Arguments, *, stride: int | None = 1) -> None:
+    """Add --start, --stop and --stride; `stride` is what the last one is where it is not given."""
+    parser.add_argument("--start", type=int, metavar="N", help="first frame (counted from 0)")
+    parser.add_argument("--stop", type=int, metavar="N", help="end before this frame")
+    parser.add_argument("--stride", type=int, default=stride, metavar="N", help="take every Nth frame (default: 1)")
+
+
+def add_rate(parser: Arguments) -> None:
+    """Add --rate."""
+    parser.add_argument(
+        "--rate", "--frame-rate", type=float, metavar="HZ", help="frames per second, for pictures or slow motion"
+    )
+
+
+def add_roi(parser: Arguments, *, of: str = "only this part of the picture, in pixels") -> None:
+    """Add --roi; `of` says what it is a region of."""
+    parser.add_argument("--roi", type=_region, metavar="X,Y,W,H", help=of)
+
+
+def _region(text: str) -> tuple[int, int, int, int]:
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"got {text!r}, expected x,y,width,height in pixels, as 0,80,640,400"
+        ) from None
+    return x, y, width, height
+
+
+def add_preset(parser: Arguments, *, default: str) -> None:
+    """Add --preset, of dense flow."""
+    parser.add_argument(
+        "--preset",
+        choices=("fast", "balanced", "accurate"),
+        default=default,
+        help=f"of the dense flow (default: {default})",
+    )
+
+
+def add_illumination(parser: Arguments) -> None:
+    """Add --illumination."""
+    parser.add_argument(
+        "--illumination",
+        choices=("none", "offset", "gain_offset"),
+        default="gain_offset",
+        help="how light may change between two frames (default: gain_offset)",
+    )
+
+
+def add_max_displacement(parser: Arguments, *, default: str = "") -> None:
+    """Add --max-displacement; `default` says what it is otherwise, if that can be said."""
+    parser.add_argument(
+        "--max-displacement",
+        type=float,
+        metavar="PX",
+        help=f"longest motion from frame to frame to look for{f' (default: {default})' if default else ''}",
+    )
