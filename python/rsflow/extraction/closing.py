@@ -100,7 +100,7 @@ def _summary(
         )
     summary = {
         "version": __version__,
-        "build": ", ".join(f"{name} {value}" for name, value in build_info().items()),
+        "build": ", ".join(f"{name} {value}" for name, value in build_info().items() if name != "version"),
         "date": datetime.datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
         "source": stream.source,
         "complete": complete,
