@@ -7,14 +7,17 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
+from pathlib import Path
 
 import pytest
 
 import rsflow
 from extraction_helpers import made_flight, names_in
 from rsflow._batch_stop import StopWish, stoppable
+from rsflow._batch_workers import Workers
 from rsflow.batch import extract_many, folder_names
 from rsflow.cli import main
 from rsflow.errors import OptionError
@@ -179,6 +182,41 @@ def test_a_signal_ends_a_batch_soon_and_keeps_what_is_finished(clips, tmp_path, 
     assert names_in(out_folder) == {"a", "long", "source"}
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="finds the worker in /proc")
+def test_a_worker_that_is_killed_fails_its_own_source_alone(clips, tmp_path, long):
+    """As the system does where memory runs out."""
+    sources = [str(long), str(clips / "a"), str(clips / "none.mp4"), str(clips / "b")]
+    items = []
+
+    def kill_the_others(item):
+        items.append(item)
+        if item.folder.name == "a":
+            # Only the worker of the long source is at work.
+            until_there(tmp_path / "out" / "long")
+            for child in Path("/proc/self/task").joinpath(str(os.getpid()), "children").read_text().split():
+                names = {path.name for path in (tmp_path / "out" / "long").glob(f".*working-{child}.*")}
+                if names:
+                    os.kill(int(child), signal.SIGKILL)
+
+    extract_many(sources, tmp_path / "out", jobs=2, on_done=kill_the_others, frame_rate=30, videos=False)
+    status = {item.folder.name: item.status for item in items}
+    assert status == {"long": "failed", "a": "done", "none": "failed", "b": "done"}
+    assert "the worker ended" in next(item.error for item in items if item.folder.name == "long")
+
+
+def test_a_process_that_dies_is_replaced():
+    context = get_context("spawn")
+    with Workers(context, StopWish(context).watch) as workers:
+        other = workers.submit(time.sleep, 0.5)
+        with pytest.raises(BrokenProcessPool):
+            workers.submit(os._exit, 1).result(timeout=30)
+        assert workers.submit(abs, -3).result(timeout=30) == 3
+        other.result(timeout=30)
+        # What is idle is used again.
+        pids = {workers.submit(os.getpid).result(timeout=30) for _ in range(4)}
+        assert len(pids) == 1
+
+
 def work_until_interrupted(begun):
     """Stand in for a job that does not look at the wish to stop."""
     with stoppable(), StopRequest() as stop:
@@ -194,7 +232,7 @@ def test_the_second_wish_ends_a_job_at_once(tmp_path):
     context = get_context("spawn")
     wish = StopWish(context)
     begun = tmp_path / "begun"
-    with ProcessPoolExecutor(1, context, initializer=wish.watch) as pool:
+    with Workers(context, wish.watch) as pool:
         job = pool.submit(work_until_interrupted, begun)
         until_there(begun)
         wish.ask()

@@ -13,7 +13,7 @@ from multiprocessing.context import BaseContext
 
 from .extraction.stopping import tell, told
 
-__all__ = ["StopWish", "held_back", "stoppable"]
+__all__ = ["StopWish", "stoppable"]
 
 
 class StopWish:
@@ -79,16 +79,3 @@ def stoppable() -> Iterator[None]:
         if told():
             raise KeyboardInterrupt
         yield
-
-
-@contextlib.contextmanager
-def held_back() -> Iterator[None]:
-    """Hold SIGINT back while workers are started: one that gets it before it ignores it would break the whole pool."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

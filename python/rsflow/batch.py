@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -168,6 +167,7 @@ def extract_many(
     'failed'
     """
     from ._batch_stop import StopWish
+    from ._batch_workers import Workers
     from .extraction import ExtractSettings
 
     given: list[str | int] = [source if isinstance(source, int) else os.fspath(source) for source in sources]
@@ -185,7 +185,7 @@ def extract_many(
     context = get_context("spawn")
     wish = StopWish(context)
     share = max(1, processors // workers)
-    with ProcessPoolExecutor(workers, context, initializer=wish.watch) as pool:
+    with Workers(context, wish.watch) as pool:
         try:
             return _collected(pool, given, folders, share, options, on_done, at_once=workers, wish=wish)
         except BaseException:
@@ -211,7 +211,6 @@ def _collected(
     second time, to end at once. The workers of a caller's executor cannot be asked: they end by themselves, and the
     second time is a KeyboardInterrupt.
     """
-    from ._batch_stop import held_back
     from .extraction.stopping import StopRequest
 
     items: dict[int, BatchItem] = {}
@@ -238,9 +237,7 @@ def _collected(
                     wish.ask(stop.count)
             while waiting and len(running) < at_once:
                 index = waiting.pop(0)
-                # The processes of a caller's executor are the caller's affair.
-                with held_back() if wish else contextlib.nullcontext():
-                    job = executor.submit(_extract_one, sources[index], folders[index], threads, options)
+                job = executor.submit(_extract_one, sources[index], folders[index], threads, options)
                 running[job] = index
             finished, _ = wait(running, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
             for future in finished:
