@@ -60,6 +60,16 @@ class BatchItem:
 def folder_names(sources: Sequence[str | int | os.PathLike[str]]) -> list[str]:
     """Give each source a folder name: its own name without suffix, numbered where two would be alike.
 
+    Parameters
+    ----------
+    sources : sequence of str, path or int
+        As for `extract_many`.
+
+    Returns
+    -------
+    list of str
+        All different, also where upper and lower case are not told apart.
+
     Examples
     --------
     >>> from rsflow.batch import folder_names

@@ -71,7 +71,12 @@ class LiveReading:
     image: NDArray[Any]
 
     def as_dict(self) -> dict[str, Any]:
-        """Give the numbers without the picture, NaN and infinity as None: what JSON can say."""
+        """Give the numbers without the picture, NaN and infinity as None: what JSON can say.
+
+        Returns
+        -------
+        dict of str to int, float, str or None
+        """
         values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self) if item.name != "image"}
         return {
             name: None if isinstance(value, float) and not np.isfinite(value) else value

@@ -108,7 +108,13 @@ class Calibration:
         return max(self.camera.std["fx"] / self.camera.fx, self.camera.std["fy"] / self.camera.fy)
 
     def coverage(self, columns: int = 8, rows: int = 6) -> NDArray[np.int64]:
-        """Count the corners of all used views in each cell of a grid over the picture, (rows, columns) int64."""
+        """Count the corners of all used views in each cell of a grid over the picture, (rows, columns) int64.
+
+        Parameters
+        ----------
+        columns, rows : int
+            Of the grid.
+        """
         from ._calibration_report import coverage
 
         return coverage(self, columns, rows)

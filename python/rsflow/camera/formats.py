@@ -228,6 +228,17 @@ def _with_std(camera: Camera, document: Document) -> Camera:
 def format_of(path: str | os.PathLike[str], format: CameraFormat | None = None) -> CameraFormat:
     """Give the format in which a camera is written to `path`.
 
+    Parameters
+    ----------
+    path : path
+        The file to be written.
+    format : {"json", "opencv", "ros", "kalibr"}, optional
+        Overrules what the suffix says.
+
+    Returns
+    -------
+    str
+
     Raises
     ------
     OptionError

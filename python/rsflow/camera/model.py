@@ -114,6 +114,13 @@ class Camera:
     ) -> Self:
         """Make a camera from a 3 x 3 matrix as OpenCV's.
 
+        Parameters
+        ----------
+        matrix : array_like, (3, 3)
+            Without skew.
+        distortion, width, height, model, std
+            As of the camera.
+
         Raises
         ------
         ShapeError
@@ -255,6 +262,11 @@ class Camera:
         A resized picture spans the same field, from edge to edge: x becomes (x + 0.5) s - 0.5 with s = width / old
         width, since pixel centres are at integers. That is what `cv2.resize` does. For a crop see `cropped`.
 
+        Parameters
+        ----------
+        width, height : int
+            Size of the resized pictures, in pixels.
+
         Raises
         ------
         OptionError
@@ -285,6 +297,11 @@ class Camera:
 
     def cropped(self, roi: tuple[int, int, int, int]) -> Self:
         """Give the camera of the same pictures cropped to `roi`, (x, y, width, height) in pixels.
+
+        Parameters
+        ----------
+        roi : (int, int, int, int)
+            Inside the picture.
 
         Raises
         ------
@@ -355,17 +372,6 @@ class Camera:
         ------
         OptionError
             If the suffix says no format, or the format cannot hold this camera.
-
-        Examples
-        --------
-        >>> from rsflow import Camera
-        >>> camera = Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
-        >>> import pathlib, tempfile
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     camera.save(pathlib.Path(folder, "camera.yml"))
-        ...     again = Camera.load(pathlib.Path(folder, "camera.yml"))
-        >>> again == camera
-        True
         """
         from .formats import save_camera
 

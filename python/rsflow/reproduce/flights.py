@@ -223,6 +223,15 @@ class Group:
 def groups(rows: Sequence[RealMotion]) -> list[Group]:
     """Average the runs as the report does; its last column has the errors of the groups at 2 cm/s.
 
+    Parameters
+    ----------
+    rows : sequence of RealMotion
+        From `real_motion`.
+
+    Returns
+    -------
+    list of Group
+
     Examples
     --------
     >>> from rsflow.reproduce import RealMotion, groups

@@ -60,6 +60,10 @@ class FocalLength:
 def implied_focal_length() -> FocalLength:
     """Solve the report's equation 2.11 for the focal length in every row of its table 4-3.
 
+    Returns
+    -------
+    FocalLength
+
     Examples
     --------
     >>> f = implied_focal_length()

@@ -24,6 +24,11 @@ RISE = 25.0
 def photographs() -> dict[str, NDArray[np.uint8]]:
     """Photographs that scikit-image ships, by name.
 
+    Returns
+    -------
+    dict of str to (512, 512) uint8
+        brick, grass, gravel and camera.
+
     Raises
     ------
     MissingExtraError
@@ -43,6 +48,10 @@ def photographs() -> dict[str, NDArray[np.uint8]]:
 
 def textures() -> dict[str, NDArray[np.uint8]]:
     """Textures of rsflow's own, for where there are no photographs.
+
+    Returns
+    -------
+    dict of str to (256, 256) uint8
 
     Examples
     --------
@@ -137,6 +146,10 @@ def synthetic_motion(pictures: Mapping[str, NDArray[Any]], condition: Condition,
         One of `CONDITIONS`.
     seed : int
         Of the noise.
+
+    Returns
+    -------
+    SyntheticMotion
 
     Raises
     ------

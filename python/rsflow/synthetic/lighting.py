@@ -16,6 +16,18 @@ Lighting = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 def gain(factor: float, plus: float = 0.0) -> Lighting:
     """Multiply by `factor` and add `plus` grey levels: exposure and gain of a camera.
 
+    Parameters
+    ----------
+    factor : float
+        Gain.
+    plus : float
+        Grey levels.
+
+    Returns
+    -------
+    Lighting
+        Takes and gives (height, width) float64 in grey levels of 0..255; does not clip.
+
     Examples
     --------
     >>> import numpy as np
@@ -28,6 +40,16 @@ def gain(factor: float, plus: float = 0.0) -> Lighting:
 def offset(levels: float) -> Lighting:
     """Add `levels` grey levels everywhere, as the report's kappa (equation 2.7) does.
 
+    Parameters
+    ----------
+    levels : float
+        Grey levels.
+
+    Returns
+    -------
+    Lighting
+        Takes and gives (height, width) float64 in grey levels of 0..255; does not clip.
+
     Examples
     --------
     >>> import numpy as np
@@ -39,6 +61,16 @@ def offset(levels: float) -> Lighting:
 
 def gamma(exponent: float) -> Lighting:
     """Raise to `exponent` on the scale of 0..255: 0.6 brightens the dark parts. Clips at 0 and 255.
+
+    Parameters
+    ----------
+    exponent : float
+        Below 1 brightens, above 1 darkens.
+
+    Returns
+    -------
+    Lighting
+        Takes and gives (height, width) float64 in grey levels of 0..255.
 
     Examples
     --------
@@ -56,6 +88,18 @@ def gamma(exponent: float) -> Lighting:
 
 def ramp(start: float, stop: float, *, axis: str = "x") -> Lighting:
     """Apply a gain that varies linearly from `start` at the first column (row for axis "y") to `stop` at the last.
+
+    Parameters
+    ----------
+    start, stop : float
+        Gain at the first and at the last column, or row.
+    axis : {"x", "y"}
+        Along which it varies.
+
+    Returns
+    -------
+    Lighting
+        Takes and gives (height, width) float64 in grey levels of 0..255; does not clip.
 
     Examples
     --------
@@ -83,6 +127,11 @@ def spotlight(levels: float, *, x: float = 0.6, y: float = 0.4, radius: float = 
         Its centre as a share of the width and of the height.
     radius : float
         Its standard deviation as a share of the width.
+
+    Returns
+    -------
+    Lighting
+        Takes and gives (height, width) float64 in grey levels of 0..255; does not clip.
 
     Examples
     --------
@@ -113,6 +162,11 @@ def shadow(factor: float, *, x: float = 0.55, slope: float = 0.5) -> Lighting:
     slope : float
         Pixels that the edge goes to the left for each row down.
 
+    Returns
+    -------
+    Lighting
+        Takes and gives (height, width) float64 in grey levels of 0..255; does not clip.
+
     Examples
     --------
     >>> import numpy as np
@@ -130,6 +184,15 @@ def shadow(factor: float, *, x: float = 0.55, slope: float = 0.5) -> Lighting:
 
 def auto_exposure(amplitude: float, *, period_s: float = 2.0, phase: float = 0.0) -> Callable[[float], Lighting]:
     """Let a gain drift as a camera's automatic exposure does: 1 + amplitude sin(2 pi t / period + phase).
+
+    Parameters
+    ----------
+    amplitude : float
+        Of the gain: 0.1 lets it go from 0.9 to 1.1.
+    period_s : float
+        Seconds.
+    phase : float
+        At time 0, in radians.
 
     Returns
     -------

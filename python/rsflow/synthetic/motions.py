@@ -67,6 +67,15 @@ class Part:
     def move(self, points: ArrayLike) -> NDArray[np.float64]:
         """Where points of the part go, shape (..., 2).
 
+        Parameters
+        ----------
+        points : array_like, (..., 2)
+            Pixels (x, y).
+
+        Returns
+        -------
+        (..., 2) float64
+
         Examples
         --------
         >>> Part(dx=1, turn_deg=90, x=10, y=10).move([[12, 10]]).round(6) + 0
@@ -77,7 +86,17 @@ class Part:
         return np.asarray(moved, np.float64)
 
     def trace(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Where points of the part came from, shape (..., 2): the inverse of `move`."""
+        """Where points of the part came from, shape (..., 2): the inverse of `move`.
+
+        Parameters
+        ----------
+        points : array_like, (..., 2)
+            Pixels (x, y).
+
+        Returns
+        -------
+        (..., 2) float64
+        """
         centre = np.array([self.x, self.y])
         offset = np.asarray(points, np.float64) - centre - np.array([self.dx, self.dy])
         return np.asarray(offset @ np.linalg.inv(self.matrix).T + centre, np.float64)
@@ -167,6 +186,10 @@ def motions_pair(
         Noise and dtype of both frames; by default noise of one grey level, uint8.
     seed : int
         Of textures and noise.
+
+    Returns
+    -------
+    MotionsPair
 
     Examples
     --------

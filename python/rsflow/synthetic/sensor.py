@@ -58,7 +58,17 @@ class Sensor:
         return int(np.ceil(4.0 * self.blur_px))
 
     def blur(self, image: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Blur an image that is `margin` larger on each side, and crop that margin."""
+        """Blur an image that is `margin` larger on each side, and crop that margin.
+
+        Parameters
+        ----------
+        image : (height + 2 margin, width + 2 margin) float64
+            Grey levels.
+
+        Returns
+        -------
+        (height, width) float64
+        """
         if self.blur_px == 0.0:
             return image
         import cv2
@@ -68,7 +78,19 @@ class Sensor:
         return np.asarray(blurred[m:-m, m:-m], dtype=np.float64)
 
     def expose(self, image: NDArray[np.float64], rng: np.random.Generator) -> NDArray[Any]:
-        """Add noise to grey levels of 0..255 and convert to `dtype`; integers are rounded and clipped."""
+        """Add noise to grey levels of 0..255 and convert to `dtype`; integers are rounded and clipped.
+
+        Parameters
+        ----------
+        image : (height, width) float64
+            Grey levels of 0..255.
+        rng : numpy.random.Generator
+            Of the noise.
+
+        Returns
+        -------
+        (height, width) of `dtype`
+        """
         noise: NDArray[np.float64] | float = self.noise
         if self.shot_noise:
             noise = np.sqrt(self.noise**2 + self.shot_noise**2 * np.clip(image, 0.0, None) / 255.0)

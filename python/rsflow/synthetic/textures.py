@@ -118,6 +118,17 @@ class Texture:
     def make(cls, kind: str = "ground", *, seed: int = 0, period: int = 1024, oversample: float = 2.0) -> Texture:
         """Make a texture of mean 0 and standard deviation 1 that repeats after `period` units.
 
+        Parameters
+        ----------
+        kind : str
+            One of `BANDS`.
+        seed : int
+            Of the texture.
+        period : int
+            Units after which it repeats.
+        oversample : float
+            Grid points a unit.
+
         Examples
         --------
         >>> t = Texture.make("fine", seed=1, period=64)
@@ -247,6 +258,10 @@ def shifted_pair(
         Blur, noise and dtype of both frames; by default noise of one grey level, uint8.
     seed : int
         Of texture and noise.
+
+    Returns
+    -------
+    ShiftedPair
 
     Examples
     --------

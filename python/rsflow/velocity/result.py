@@ -126,6 +126,11 @@ class Velocity:
         dt_std_s : float
             Standard deviation of the time between the frames, for one line more.
 
+        Returns
+        -------
+        str
+            Or why there is no velocity.
+
         Examples
         --------
         >>> v = Velocity(1.0, 0.1, 3.0, 4.0, 0.0, np.eye(3) * 0.01, VelocityStatus.OK, 90, 5.0, 5.0,

@@ -68,6 +68,15 @@ class Heights:
     def read(cls, path: str | os.PathLike[str]) -> Heights:
         """Read a CSV with a column ``height_m`` and a column ``t_s`` or ``frame``.
 
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Returns
+        -------
+        Heights
+
         Raises
         ------
         FormatError
@@ -120,7 +129,20 @@ class Heights:
         return f"{len(self.keys)} frames from {self.keys[0]:g} to {self.keys[-1]:g}, each by its own row"
 
     def at(self, *, frame: int, t_s: float) -> float:
-        """Height for a frame: the row of its number, or between the times before and after it; NaN outside."""
+        """Height for a frame: the row of its number, or between the times before and after it; NaN outside.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame in its source.
+        t_s : float
+            Its time in seconds.
+
+        Returns
+        -------
+        float
+            Metres.
+        """
         if self.by == "t_s":
             first, last = float(self.keys[0]), float(self.keys[-1])
             if not first - _ROUNDING_S <= t_s <= last + _ROUNDING_S:
@@ -132,6 +154,20 @@ class Heights:
 
 def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str, Any]:
     """Give the row of the table for one frame: numbers by the names of `COLUMNS`, the status as a word.
+
+    Parameters
+    ----------
+    velocity : Velocity
+        Of the frame.
+    frame : int
+        Its number.
+    height_m : float
+        The height it was computed with, in metres; NaN where none was known.
+
+    Returns
+    -------
+    dict
+        A value for each of `COLUMNS`.
 
     Examples
     --------
@@ -166,6 +202,13 @@ def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str
 
 def write_velocity_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
     """Write rows of `velocity_row` as CSV, numbers with 9 digits, ``nan`` and ``inf`` by name.
+
+    Parameters
+    ----------
+    path : path
+        The file; its folder is made if it is missing.
+    rows : sequence of dict
+        From `velocity_row`.
 
     Raises
     ------
