@@ -238,6 +238,8 @@ def test_misuse_says_what_is_wrong(tmp_path: Path) -> None:
         rsflow.quiver(np.ones((4, 2)))
     with pytest.raises(rsflow.ShapeError, match=r"must both be \(n, 2\)"):
         rsflow.quiver(np.ones((4, 2)), points=np.ones((3, 2)), picture=np.zeros((5, 5), np.uint8))
+    with pytest.raises(rsflow.DTypeError, match="style: got 'color', expected a QuiverStyle"):
+        rsflow.quiver(uv, style="color")
     with pytest.raises(rsflow.OptionError, match="needs the picture"):
         rsflow.quiver(np.ones((4, 2)), points=np.ones((4, 2)))
     with pytest.raises(rsflow.DTypeError, match="must be uint8, uint16 or floating point, got int64"):

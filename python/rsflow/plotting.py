@@ -17,7 +17,7 @@ import numpy as np
 from . import _arrows, _drawing
 from ._files import writing
 from .colors import color_wheel, fitted_max_flow, flow_over_picture, flow_to_color, largest_motion, vectors_of
-from .errors import OptionError, ShapeError
+from .errors import DTypeError, OptionError, ShapeError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -170,6 +170,8 @@ def quiver(
     ------
     ShapeError
         If the sizes do not fit together.
+    DTypeError
+        If the style is no `QuiverStyle`, or the field or the picture of another type.
     OptionError
         If a knob is unknown or out of range, or the suffix is another one.
 
@@ -184,6 +186,8 @@ def quiver(
     unknown = set(knobs) - {knob.name for knob in dataclasses.fields(QuiverStyle)}
     if unknown:
         raise OptionError(f"quiver has no knob {sorted(unknown)[0]!r}; see QuiverStyle")
+    if style is not None and not isinstance(style, QuiverStyle):
+        raise DTypeError(f"style: got {style!r}, expected a QuiverStyle")
     if path is not None:
         _drawing.expect_picture_name(Path(path), vectors=True)
     uv = vectors_of(field)

@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--picture", metavar="FILE", help="draw it: .png, .jpg or .svg of a pair, .mp4 of a source")
     parser.add_argument("--style", choices=_STYLES, default="arrows", help="how to draw it (arrows)")
-    parser.add_argument("--step", type=int, metavar="PX", help="distance between arrows (a 32nd of the width)")
+    parser.add_argument("--step", type=int, metavar="PX", help="distance between arrows (a 40th of the width)")
     parser.add_argument("--scale", type=float, metavar="X", help="length of an arrow per pixel of motion (fitted)")
     parser.add_argument("--max-flow", type=float, metavar="PX", help="motion of full colour (fitted)")
     add_preset(parser, default="balanced")
