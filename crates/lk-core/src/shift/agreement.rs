@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::place::Pair;
 use crate::frame::Plane;
-use crate::simd::{EIGHT, Eight, EightKernel, Level, Packed, dispatch_eight};
+use crate::simd::{EIGHT, Eight, EightKernel, Level, dispatch_eight};
 
 /// The least share of the window that both frames must show.
 const MIN_SHARE: f64 = 0.08;
@@ -262,7 +262,7 @@ impl<const WEIGHTED: bool> EightKernel for Correlate<'_, WEIGHTED> {
                 let at = [row(&self.of.raw, 0, prev), row(&self.of.raw, 1, next)];
                 let mut x = 0;
                 while x < width {
-                    let lanes = L::unpack(&Packed::first((width - x).min(EIGHT)));
+                    let lanes = L::first(width - x);
                     let mut weight = lanes;
                     if WEIGHTED {
                         let [a, b] = &self.of.weight;

@@ -191,7 +191,7 @@ impl StripeSums<'_> {
         x: usize,
         inside: usize,
     ) {
-        let lanes = L::unpack(&Packed::first(inside));
+        let lanes = L::first(inside);
         let place_x = L::splat(self.tiling.x(index, x))
             + L::splat(1.0 / self.tiling.size) * L::unpack(&Packed::STEPS);
         let (near, far) = (L::splat(DERIVATIVE[3]), L::splat(DERIVATIVE[4]));

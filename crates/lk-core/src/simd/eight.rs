@@ -22,16 +22,6 @@ impl Packed {
     /// 0, 1, ...
     pub(crate) const STEPS: Self = Self([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
 
-    /// All bits set in the first `count` lanes, none in the others: a mask for [`Eight::keep`].
-    #[inline(always)]
-    pub(crate) fn first(count: usize) -> Self {
-        let mut mask = [0.0; EIGHT];
-        for lane in mask.iter_mut().take(count) {
-            *lane = f32::from_bits(u32::MAX);
-        }
-        Self(mask)
-    }
-
     /// The sum over lanes, in a fixed order.
     #[inline(always)]
     pub(crate) fn sum(self) -> f64 {
@@ -39,6 +29,17 @@ impl Packed {
         f64::from(((a + e) + (c + g)) + ((b + f) + (d + h)))
     }
 }
+
+/// [`Eight::first`] of any count, from one place or another on.
+static FIRST: [f32; 2 * EIGHT] = {
+    let mut masks = [0.0; 2 * EIGHT];
+    let mut lane = 0;
+    while lane < EIGHT {
+        masks[lane] = f32::from_bits(u32::MAX);
+        lane += 1;
+    }
+    masks
+};
 
 /// Eight `f32` in registers; arithmetic is element by element.
 pub(crate) trait Eight:
@@ -58,6 +59,12 @@ pub(crate) trait Eight:
 
     /// To memory.
     fn pack(self) -> Packed;
+
+    /// All bits set in the first `count` lanes, none in the others: a mask for [`Eight::keep`].
+    #[inline(always)]
+    fn first(count: usize) -> Self {
+        Self::load(&FIRST, EIGHT - count.min(EIGHT))
+    }
 
     /// Keep the bits of `mask`: all of a lane or none, whatever it holds.
     fn keep(self, mask: Self) -> Self;
@@ -499,7 +506,7 @@ mod tests {
             let (a, b) = (L::load(self.0, 0), L::load(self.0, 5));
             let mut c = (a + b) * a - b;
             c += L::splat(0.5);
-            let kept = c.keep(L::unpack(&Packed::first(6)));
+            let kept = c.keep(L::first(6));
             let root = (kept * kept).sqrt();
             let mut out = [0.0; EIGHT];
             root.store(&mut out, 0);

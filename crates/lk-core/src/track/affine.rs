@@ -7,7 +7,7 @@
 use std::cell::Cell;
 
 use crate::frame::Plane;
-use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, Packed, dispatch, dispatch_eight};
+use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, dispatch, dispatch_eight};
 use crate::track::noise::Gradients;
 use crate::track::normal::Light;
 use crate::track::patch::{MAX_SIDE, Window};
@@ -278,7 +278,7 @@ impl EightKernel for Project<'_> {
     fn run<L: Eight>(self) -> Self::Output {
         let (mut sums, mut squared) = ([L::zero(); UNKNOWNS], L::zero());
         for at in (0..self.count).step_by(EIGHT) {
-            let mask = L::unpack(&Packed::first(self.count - at));
+            let mask = L::first(self.count - at);
             let d = (L::load(self.samples, at) - L::load(self.template, at)).keep(mask);
             for (sum, basis) in sums.iter_mut().zip(self.basis) {
                 *sum += d * L::load(basis, at);

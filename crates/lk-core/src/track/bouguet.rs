@@ -250,6 +250,7 @@ impl Search<'_> {
                 centre,
                 window,
                 sampling: Sampling::Bouguet,
+                light: false,
                 scratch: &mut self.scratch,
             },
         );
@@ -299,6 +300,7 @@ impl Search<'_> {
                 template: &self.template,
                 next: &self.next[level],
                 centre,
+                squared: false,
                 scratch: &mut self.scratch,
             };
             *error = (dispatch_eight(self.level, AbsoluteDifference(compare)) / area) as f32;
@@ -328,6 +330,7 @@ impl Search<'_> {
                     template: &self.template,
                     next: &self.next[level],
                     centre,
+                    squared: false,
                     scratch: &mut self.scratch,
                 },
             )

@@ -69,25 +69,48 @@ impl Grid {
     ) -> impl Iterator<Item = (f32, usize)> + use<COUNT> {
         let mut nearest = [(f32::INFINITY, 0usize); COUNT];
         let (column, row) = self.place(point);
-        for y in row.saturating_sub(RINGS)..(row + RINGS + 1).min(self.rows) {
-            for x in column.saturating_sub(RINGS)..(column + RINGS + 1).min(self.columns) {
-                let mut link = self.heads[y * self.columns + x];
-                while link != NONE {
-                    let index = link as usize;
-                    let (dx, dy) = (points[index][0] - point[0], points[index][1] - point[1]);
-                    let distance = dx * dx + dy * dy;
-                    if distance < nearest[COUNT - 1].0 {
-                        let place = nearest.partition_point(|entry| entry.0 <= distance);
-                        nearest[place..].rotate_right(1);
-                        nearest[place] = (distance, index);
-                    }
-                    link = self.links[index];
+        for ring in 0..=RINGS {
+            // Cells of this ring begin so far away.
+            let gap = ring.saturating_sub(1) as f32 * self.cell;
+            if nearest[COUNT - 1].0 <= gap * gap {
+                break;
+            }
+            let (left, right) = (column.saturating_sub(ring), column + ring);
+            let (top, bottom) = (row.saturating_sub(ring), row + ring);
+            for y in top..(bottom + 1).min(self.rows) {
+                let whole = ring == 0 || y + ring == row || y == bottom;
+                let step = if whole { 1 } else { 2 * ring };
+                let first = if whole || column >= ring { left } else { right };
+                for x in (first..(right + 1).min(self.columns)).step_by(step) {
+                    self.visit(points, point, y * self.columns + x, &mut nearest);
                 }
             }
         }
         nearest
             .into_iter()
             .filter(|(distance, _)| distance.is_finite())
+    }
+
+    /// Take the points of a cell that are nearer than the last of `nearest`.
+    fn visit(
+        &self,
+        points: &[[f32; 2]],
+        point: [f32; 2],
+        cell: usize,
+        nearest: &mut [(f32, usize)],
+    ) {
+        let mut link = self.heads[cell];
+        while link != NONE {
+            let index = link as usize;
+            let (dx, dy) = (points[index][0] - point[0], points[index][1] - point[1]);
+            let distance = dx * dx + dy * dy;
+            if nearest.last().is_some_and(|last| distance < last.0) {
+                let place = nearest.partition_point(|entry| entry.0 <= distance);
+                nearest[place..].rotate_right(1);
+                nearest[place] = (distance, index);
+            }
+            link = self.links[index];
+        }
     }
 }
 

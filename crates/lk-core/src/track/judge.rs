@@ -2,7 +2,7 @@
 
 use crate::illumination::Illumination;
 use crate::track::noise::{Samples, spread};
-use crate::track::normal::{GAIN_RANGE, Light, Normal, Step};
+use crate::track::normal::{GAIN_RANGE, Light, Normal};
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::patch::Template;
 use crate::track::solve::{Problem, Rest, Workspace, inside};
@@ -43,17 +43,17 @@ impl Problem<'_> {
     /// unknown that is not there costs accuracy.
     pub(super) fn settle(&self, rest: &Rest, template: &Template) -> Fit {
         if self.options.illumination == Illumination::GainOffset {
-            let unit = rest.normal.noise(&rest.step);
+            let full = rest.normal.left(&rest.sums);
+            let unit = rest.normal.noise(full);
             for (light, limit) in SIMPLER {
-                if let Some(normal) = Normal::new(template, light) {
-                    let step = normal.step(&rest.sums);
-                    if step.left - rest.step.left <= limit * unit {
-                        return Fit::new(template, rest, &normal, &step);
-                    }
+                if let Some(normal) = Normal::new(template, light)
+                    && normal.left(&rest.sums) - full <= limit * unit
+                {
+                    return Fit::new(template, rest, &normal);
                 }
             }
         }
-        Fit::new(template, rest, &rest.normal, &rest.step)
+        Fit::new(template, rest, &rest.normal)
     }
 
     /// Judge what was found for `point` from the displacement `guess` on the level `top`.
@@ -136,8 +136,9 @@ impl Problem<'_> {
 }
 
 impl Fit {
-    fn new(template: &Template, rest: &Rest, normal: &Normal, step: &Step) -> Self {
-        let variance = normal.variance(step);
+    fn new(template: &Template, rest: &Rest, normal: &Normal) -> Self {
+        let step = normal.step(&rest.sums);
+        let variance = normal.variance(normal.left(&rest.sums));
         let samples = Samples {
             prev: template.corner(),
             next: Some(rest.corner),
@@ -146,11 +147,11 @@ impl Fit {
         let own = variance / (1.0 + step.gain * step.gain);
         let spread = spread(&template.gradients(), template.window, &samples, own);
         Self {
-            displacement: rest.after(step),
+            displacement: rest.after(&step),
             variance,
-            signal: normal.signal(step),
+            signal: normal.signal(&step),
             covariance: normal
-                .unit_covariance(step)
+                .unit_covariance(&step)
                 .map(|entry| entry * spread * variance),
             gain: step.gain,
         }

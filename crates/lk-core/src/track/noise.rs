@@ -81,7 +81,10 @@ pub(super) fn spread(gradients: &Gradients, window: Window, samples: &Samples, o
             .map_or_else(mean_overlaps, |next| overlaps(next[axis]));
         let noise = |lag: usize| {
             // The overlap falls off about like a Gaussian: at another spacing it is a power.
-            let wider = (next[lag] / next[0]).powf(samples.spacing * samples.spacing);
+            let mut wider = next[lag] / next[0];
+            if samples.spacing != 1.0 {
+                wider = wider.powf(samples.spacing * samples.spacing);
+            }
             (prev[lag] + next[0] * wider) / (prev[0] + next[0])
         };
         // So does the gradients' correlation.

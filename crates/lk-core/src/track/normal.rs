@@ -61,6 +61,11 @@ impl Light {
         self.offset
     }
 
+    /// Whether anything of it may change.
+    pub(crate) fn changes(self) -> bool {
+        self.gain || self.offset
+    }
+
     pub(crate) fn has_tilt(self) -> bool {
         self.tilt
     }
@@ -79,14 +84,16 @@ impl Light {
 pub(crate) struct Normal {
     light: Light,
     area: f64,
-    moments: [f64; 2],
+    /// One over the area, and over the moments.
+    share: f64,
+    shares: [f64; 2],
     /// Of the intensity and both gradients: mean, and slopes along x and y.
     mean: [f64; 3],
     slopes: [[f64; 3]; 2],
     /// The part of the intensity in both gradients.
     part: [f64; 2],
-    /// Sum of the squared intensity, and of its products with the gradients.
-    intensity: [f64; 3],
+    /// One over the sum of the squared intensity, without what an offset explains.
+    intensity: f64,
     /// Sum of the squared intensity without its mean.
     contrast: f64,
     /// The inverse of the structure tensor, summed over the window: xx, xy, yy.
@@ -98,8 +105,6 @@ pub(crate) struct Normal {
 pub(crate) struct Step {
     pub(crate) by: [f64; 2],
     pub(crate) gain: f64,
-    /// Sum of squares that is left after the step.
-    pub(crate) left: f64,
 }
 
 impl Normal {
@@ -107,115 +112,154 @@ impl Normal {
     pub(crate) fn new(template: &Template, light: Light) -> Option<Self> {
         let Light { gain, offset, tilt } = light;
         let area = template.window.area();
-        let moments = template.window.moments();
-        let sums = &template.sums;
+        let (share, sums) = (1.0 / area, &template.sums);
+        let mean = sums.plain.map(|sum| sum * share);
         let mut products = sums.products;
         let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
-        for (product, (i, j)) in products.iter_mut().zip(pairs) {
-            if offset {
-                *product -= sums.plain[i] * sums.plain[j] / area;
+        if offset {
+            for (product, (i, j)) in products.iter_mut().zip(pairs) {
+                *product -= sums.plain[i] * mean[j];
             }
-            if tilt {
-                *product -= sums.with_x[i] * sums.with_x[j] / moments[0];
-                *product -= sums.with_y[i] * sums.with_y[j] / moments[1];
+        }
+        let (mut shares, mut slopes) = ([0.0; 2], [[0.0; 3]; 2]);
+        if tilt {
+            shares = template.window.moments().map(|moment| 1.0 / moment);
+            slopes = [
+                sums.with_x.map(|sum| sum * shares[0]),
+                sums.with_y.map(|sum| sum * shares[1]),
+            ];
+            for (product, (i, j)) in products.iter_mut().zip(pairs) {
+                *product -= sums.with_x[i] * slopes[0][j];
+                *product -= sums.with_y[i] * slopes[1][j];
             }
         }
         let [aa, ax, ay, mut xx, mut xy, mut yy] = products;
         // A window without contrast has no gain to speak of.
         let gain = gain && aa > LEAST_SHARE * sums.products[0];
-        let mut part = [0.0; 2];
+        let (mut part, mut intensity) = ([0.0; 2], 0.0);
         if gain {
-            part = [ax / aa, ay / aa];
+            intensity = 1.0 / aa;
+            part = [ax * intensity, ay * intensity];
             xx -= ax * part[0];
             xy -= ax * part[1];
             yy -= ay * part[1];
         }
         let determinant = xx * yy - xy * xy;
-        let weakest = 0.5 * (xx + yy) - (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
         let energy = sums.products[3] + sums.products[5];
-        if !(determinant > 0.0 && weakest > LEAST_SHARE * energy && energy.is_finite()) {
+        // Both eigenvalues are above `least` where the tensor without it is positive definite.
+        let least = LEAST_SHARE * energy;
+        let (over_x, over_y) = (xx - least, yy - least);
+        let textured = determinant > 0.0
+            && over_x + over_y > 0.0
+            && over_x * over_y > xy * xy
+            && energy.is_finite();
+        if !textured {
             return None;
         }
+        let scale = 1.0 / determinant;
         Some(Self {
             light: Light { gain, ..light },
             area,
-            moments,
-            mean: sums.plain.map(|sum| sum / area),
-            slopes: [
-                sums.with_x.map(|sum| sum / moments[0]),
-                sums.with_y.map(|sum| sum / moments[1]),
-            ],
+            share,
+            shares,
+            mean,
+            slopes,
             part,
-            intensity: [aa.max(0.0), ax, ay],
-            contrast: (sums.products[0] - sums.plain[0] * sums.plain[0] / area).max(0.0),
-            inverse: [yy / determinant, -xy / determinant, xx / determinant],
+            intensity,
+            contrast: (sums.products[0] - sums.plain[0] * mean[0]).max(0.0),
+            inverse: [yy * scale, -xy * scale, xx * scale],
         })
     }
 
-    /// The step for these sums.
-    pub(crate) fn step(&self, sums: &Sums) -> Step {
+    /// The products of `sums` without what the offset and its slopes explain.
+    fn without_offset(&self, sums: &Sums) -> [f64; 3] {
         let mut products = sums.products;
-        let mut left = sums.squared;
         if self.light.offset {
-            left -= sums.plain * sums.plain / self.area;
             for (product, mean) in products.iter_mut().zip(self.mean) {
                 *product -= mean * sums.plain;
             }
         }
         if self.light.tilt {
             for axis in 0..2 {
-                left -= sums.tilt[axis] * sums.tilt[axis] / self.moments[axis];
                 for (product, slope) in products.iter_mut().zip(self.slopes[axis]) {
                     *product -= slope * sums.tilt[axis];
                 }
             }
         }
-        let [intensity, mut x, mut y] = products;
-        let [aa, ax, ay] = self.intensity;
+        products
+    }
+
+    /// The step for these sums.
+    pub(crate) fn step(&self, sums: &Sums) -> Step {
+        let [intensity, mut x, mut y] = self.without_offset(sums);
         if self.light.gain {
-            left -= intensity * intensity / aa;
             x -= self.part[0] * intensity;
             y -= self.part[1] * intensity;
         }
         let [xx, xy, yy] = self.inverse;
         let scaled = [-(xx * x + xy * y), -(xy * x + yy * y)];
-        left += scaled[0] * x + scaled[1] * y;
-        let mut gain = 1.0;
-        if self.light.gain {
-            gain += (intensity + scaled[0] * ax + scaled[1] * ay) / aa;
+        if !self.light.gain {
+            return Step {
+                by: scaled,
+                gain: 1.0,
+            };
         }
-        let usable = gain.clamp(GAIN_RANGE.0, GAIN_RANGE.1);
+        let gain =
+            1.0 + intensity * self.intensity + scaled[0] * self.part[0] + scaled[1] * self.part[1];
+        let usable = 1.0 / gain.clamp(GAIN_RANGE.0, GAIN_RANGE.1);
         Step {
-            by: scaled.map(|component| component / usable),
+            by: scaled.map(|component| component * usable),
             gain,
-            left: left.max(0.0),
         }
     }
 
-    /// Mean square of what `step` leaves, in square grey levels.
-    pub(crate) fn variance(&self, step: &Step) -> f64 {
+    /// Sum of squares that the step for these sums leaves.
+    pub(crate) fn left(&self, sums: &Sums) -> f64 {
+        let mut left = sums.squared;
+        if self.light.offset {
+            left -= sums.plain * sums.plain * self.share;
+        }
+        if self.light.tilt {
+            for axis in 0..2 {
+                left -= sums.tilt[axis] * sums.tilt[axis] * self.shares[axis];
+            }
+        }
+        let [intensity, mut x, mut y] = self.without_offset(sums);
+        if self.light.gain {
+            left -= intensity * intensity * self.intensity;
+            x -= self.part[0] * intensity;
+            y -= self.part[1] * intensity;
+        }
+        let [xx, xy, yy] = self.inverse;
+        left -= (xx * x + xy * y) * x + (xy * x + yy * y) * y;
+        left.max(0.0)
+    }
+
+    /// Mean square of what is left, in square grey levels.
+    pub(crate) fn variance(&self, left: f64) -> f64 {
         let unknowns = 2.0
             + f64::from(u8::from(self.light.offset))
             + f64::from(u8::from(self.light.gain))
             + 2.0 * f64::from(u8::from(self.light.tilt));
-        step.left / (self.area - unknowns).max(1.0)
+        left / (self.area - unknowns).max(1.0)
     }
 
     /// By how much one more unknown that explains nothing lowers the sum of squares: the noise of smooth functions of
     /// the coordinates, over which the spline's correlation adds up.
-    pub(crate) fn noise(&self, step: &Step) -> f64 {
+    pub(crate) fn noise(&self, left: f64) -> f64 {
         let [one, two] = NOISE_CORRELATION;
         let along = 1.0 + 2.0 * (one + two);
-        self.variance(step) * along * along
+        self.variance(left) * along * along
     }
 
     /// Mean square of the window's own grey levels, without what an offset explains, times the squared gain.
     pub(crate) fn signal(&self, step: &Step) -> f64 {
-        step.gain * step.gain * self.contrast / self.area
+        step.gain * step.gain * self.contrast * self.share
     }
 
     /// Covariance of the displacement where what is left has variance 1 a pixel, and no correlation: xx, xy, yy.
     pub(crate) fn unit_covariance(&self, step: &Step) -> [f64; 3] {
-        self.inverse.map(|entry| entry / (step.gain * step.gain))
+        let scale = 1.0 / (step.gain * step.gain);
+        self.inverse.map(|entry| entry * scale)
     }
 }

@@ -123,7 +123,7 @@ impl Problem<'_> {
         let way = self.forward();
         let mut best: Option<(f64, [f64; 2], [f64; 2])> = None;
         for guess in candidates {
-            let (found, unexplained) = self.descend(way, point, *guess, top, workspace);
+            let (found, unexplained) = self.descend::<true>(way, point, *guess, top, workspace);
             if best.is_none_or(|(least, ..)| unexplained < least) {
                 best = Some((unexplained, found, *guess));
             }
@@ -170,13 +170,13 @@ impl Problem<'_> {
         tolerance: f64,
         workspace: &mut Workspace,
     ) -> Result<Rest, PointStatus> {
-        let (displacement, _) = self.descend(way, point, guess, top, workspace);
+        let (displacement, _) = self.descend::<false>(way, point, guess, top, workspace);
         self.fine(way, point, displacement, tolerance, workspace)
     }
 
-    /// The displacement after the coarse levels from `top` down, and the share of the window's variance that it leaves
-    /// unexplained on the last of them.
-    fn descend(
+    /// The displacement after the coarse levels from `top` down, and, to `RANK` it, the share of the window's variance
+    /// that it leaves unexplained on the last of them.
+    fn descend<const RANK: bool>(
         &self,
         way: Way<'_>,
         point: [f32; 2],
@@ -192,7 +192,7 @@ impl Problem<'_> {
             let centre = point.map(|coordinate| coordinate * scale as f32);
             unexplained = f64::INFINITY;
             if let Some((found, left)) =
-                self.coarse(&way.from[level], &way.to[level], centre, guess, workspace)
+                self.coarse::<RANK>(&way.from[level], &way.to[level], centre, guess, workspace)
             {
                 displacement = found.map(|component| component / scale);
                 unexplained = left;
@@ -202,7 +202,7 @@ impl Problem<'_> {
     }
 
     /// A rough displacement on a coarse level, if the window has one to offer, and what it leaves unexplained.
-    fn coarse(
+    fn coarse<const RANK: bool>(
         &self,
         from: &Plane,
         to: &Plane,
@@ -218,7 +218,7 @@ impl Problem<'_> {
         let mut last = f64::INFINITY;
         let iterations = COARSE_ITERATIONS.min(self.options.max_iterations);
         for iteration in 1..=iterations {
-            let sums = self.compare(to, centre, displacement, workspace)?;
+            let sums = self.compare(to, centre, displacement, RANK, workspace)?;
             let step = normal.step(&sums);
             let size = length(step.by);
             displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
@@ -230,7 +230,12 @@ impl Problem<'_> {
                 || size * size < COARSE_EPSILON * last
                 || iteration == iterations
             {
-                return Some((displacement, normal.variance(&step) / normal.signal(&step)));
+                let unexplained = if RANK {
+                    normal.variance(normal.left(&sums)) / normal.signal(&step)
+                } else {
+                    f64::INFINITY
+                };
+                return Some((displacement, unexplained));
             }
             last = size;
         }
@@ -259,7 +264,7 @@ impl Problem<'_> {
         let mut last = f64::INFINITY;
         for _ in 0..self.options.max_iterations {
             let sums = self
-                .compare(to, centre, displacement, workspace)
+                .compare(to, centre, displacement, true, workspace)
                 .ok_or(PointStatus::OutOfFrame)?;
             if !sums.squared.is_finite() {
                 return Err(PointStatus::NotFinite);
@@ -303,6 +308,7 @@ impl Problem<'_> {
                 centre,
                 window,
                 sampling,
+                light: Light::of(self.options.illumination).changes(),
                 scratch: &mut workspace.scratch,
             },
         )
@@ -314,6 +320,7 @@ impl Problem<'_> {
         to: &Plane,
         centre: [f32; 2],
         displacement: [f64; 2],
+        squared: bool,
         workspace: &mut Workspace,
     ) -> Option<Sums> {
         let at = [
@@ -332,6 +339,7 @@ impl Problem<'_> {
                     template: &workspace.template,
                     next: to,
                     centre: at,
+                    squared,
                     scratch: &mut workspace.scratch,
                 },
             )

@@ -1,29 +1,33 @@
 //! One comparison of a template with `next`, and the sums that a step needs.
 
+use super::Window;
 use super::region::{BorderScratch, region, split};
-use super::sampling::{SPLINE_BEFORE, SPLINE_TAPS, Sampling, Spline, linear, pair, spline_weights};
+use super::sampling::{Linear, SPLINE_BEFORE, SPLINE_TAPS, Sampling, Spline, pair, spline_weights};
 use super::template::{Cell, Template};
 use crate::frame::Plane;
-use crate::simd::{EIGHT, Eight, EightKernel, Packed};
+use crate::simd::{EIGHT, Eight, EightKernel};
 
-/// Sums over the window of the difference d = next - prev.
-#[derive(Debug, Clone, Copy)]
+/// Sums over the window of the difference d = next - prev; 0 where they were not asked for.
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Sums {
     /// With the intensity and the gradients.
     pub(crate) products: [f64; 3],
     /// Alone.
     pub(crate) plain: f64,
-    /// With the coordinates from the window's centre.
+    /// With the coordinates from the window's centre; of a fine template.
     pub(crate) tilt: [f64; 2],
     /// Squared.
     pub(crate) squared: f64,
 }
 
-/// Compare a [`Template`] with `next` around `centre`.
+/// Compare a [`Template`] with `next` around `centre`. Sums that only a change of light needs are those of a template
+/// that was built for one.
 pub(crate) struct Compare<'a> {
     pub(crate) template: &'a Template,
     pub(crate) next: &'a Plane,
     pub(crate) centre: [f32; 2],
+    /// Whether to sum squares; on the finest level always.
+    pub(crate) squared: bool,
     pub(crate) scratch: &'a mut BorderScratch,
 }
 
@@ -32,61 +36,68 @@ impl EightKernel for Compare<'_> {
 
     #[inline(always)]
     fn run<L: Eight>(self) -> Sums {
+        let fine = self.template.sampling == Sampling::Spline;
+        match (fine, self.template.light, self.squared) {
+            (true, true, _) => self.fine::<L, true>(),
+            (true, false, _) => self.fine::<L, false>(),
+            (false, true, true) => self.coarse::<L, true, true>(),
+            (false, true, false) => self.coarse::<L, true, false>(),
+            (false, false, true) => self.coarse::<L, false, true>(),
+            (false, false, false) => self.coarse::<L, false, false>(),
+        }
+    }
+}
+
+impl Compare<'_> {
+    #[inline(always)]
+    fn coarse<L: Eight, const LIGHT: bool, const SQUARED: bool>(self) -> Sums {
         let template = self.template;
         let window = template.window;
         let half = window.half();
         let (x, fx) = split(self.centre[0] - half[0]);
         let (y, fy) = split(self.centre[1] - half[1]);
-        let (blocks, height) = (window.blocks(), window.height);
-        let mut sums = DifferenceSums::<L>::new(template.level);
-        if template.sampling != Sampling::Spline {
-            let region = region(
-                self.next,
-                (x, y),
-                window.width + 1,
-                height + 1,
-                self.scratch,
-            );
-            let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
-            for block in 0..blocks {
-                let at = block * EIGHT;
-                let mask = L::unpack(&Packed::first(window.width - at));
-                let mut above = linear(region.reach(0, at), &wx);
-                let (mut column, mut y) = (L::zero(), L::splat(-half[1]));
-                for (row, cell) in template.cells[block * height..][..height]
-                    .iter()
-                    .enumerate()
-                {
-                    let below = linear(region.reach(row + 1, at), &wx);
-                    let value = above * wy[0] + below * wy[1];
-                    above = below;
-                    sums.add::<false>(value, cell, mask, &mut column, &mut y);
-                }
-                sums.close(column, window.block_x(block));
+        let (columns, rows) = (window.width + 1, window.height + 1);
+        let region = region(self.next, (x, y), columns, rows, self.scratch);
+        let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
+        let mut sums = DifferenceSums::<L, LIGHT, SQUARED, false>::new(template);
+        for block in 0..window.blocks() {
+            let mask = L::first(window.width - block * EIGHT);
+            let mut samples = Linear::new(region, block * EIGHT, &wx);
+            let mut columns = [L::zero(); 2];
+            for cell in template.column(block) {
+                let value = samples.below(&wx, &wy);
+                sums.add(value, cell, mask, &mut columns);
             }
-        } else {
-            let region = region(
-                self.next,
-                (x - SPLINE_BEFORE, y - SPLINE_BEFORE),
-                window.width + SPLINE_TAPS - 1,
-                height + SPLINE_TAPS - 1,
-                self.scratch,
-            );
-            let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
-            for block in 0..blocks {
-                let at = block * EIGHT;
-                let mask = L::unpack(&Packed::first(window.width - at));
-                let mut samples = Spline::new(region, at, &wx);
-                let (mut column, mut y) = (L::zero(), L::splat(-half[1]));
-                for (row, cell) in template.cells[block * height..][..height]
-                    .iter()
-                    .enumerate()
-                {
-                    let value = samples.sample(row, &wx, &wy);
-                    sums.add::<true>(value, cell, mask, &mut column, &mut y);
-                }
-                sums.close(column, window.block_x(block));
+            sums.close(columns, window, block);
+        }
+        sums.finish()
+    }
+
+    #[inline(always)]
+    fn fine<L: Eight, const LIGHT: bool>(self) -> Sums {
+        let template = self.template;
+        let window = template.window;
+        let half = window.half();
+        let (x, fx) = split(self.centre[0] - half[0]);
+        let (y, fy) = split(self.centre[1] - half[1]);
+        let region = region(
+            self.next,
+            (x - SPLINE_BEFORE, y - SPLINE_BEFORE),
+            window.width + SPLINE_TAPS - 1,
+            window.height + SPLINE_TAPS - 1,
+            self.scratch,
+        );
+        let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
+        let mut sums = DifferenceSums::<L, LIGHT, true, LIGHT>::new(template);
+        for block in 0..window.blocks() {
+            let mask = L::first(window.width - block * EIGHT);
+            let mut samples = Spline::new(region, block * EIGHT, &wx);
+            let mut columns = [L::zero(); 2];
+            for cell in template.column(block) {
+                let value = samples.below(&wx, &wy);
+                sums.add(value, cell, mask, &mut columns);
             }
+            sums.close(columns, window, block);
         }
         sums.finish()
     }
@@ -105,6 +116,7 @@ impl EightKernel for AbsoluteDifference<'_> {
             next,
             centre,
             scratch,
+            ..
         } = self.0;
         let window = template.window;
         let half = window.half();
@@ -118,13 +130,10 @@ impl EightKernel for AbsoluteDifference<'_> {
         let mut sum = L::zero();
         for block in 0..window.blocks() {
             let at = block * EIGHT;
-            let mask = L::unpack(&Packed::first(window.width - at));
-            let cells = &template.cells[block * window.height..][..window.height];
-            let mut above = linear(region.reach(0, at), &wx);
-            for (row, cell) in cells.iter().enumerate() {
-                let below = linear(region.reach(row + 1, at), &wx);
-                let value = above * wy[0] + below * wy[1];
-                above = below;
+            let mask = L::first(window.width - at);
+            let mut samples = Linear::new(region, at, &wx);
+            for cell in template.column(block) {
+                let value = samples.below(&wx, &wy);
                 sum += (value - L::unpack(&cell.prev)).keep(mask).keep(magnitude);
             }
         }
@@ -132,8 +141,8 @@ impl EightKernel for AbsoluteDifference<'_> {
     }
 }
 
-/// [`Sums`] as they grow.
-struct DifferenceSums<L> {
+/// [`Sums`] as they grow: those of a change of light, of squares and of coordinates where they are wanted.
+struct DifferenceSums<L, const LIGHT: bool, const SQUARED: bool, const TILT: bool> {
     level: L,
     products: [L; 3],
     plain: L,
@@ -141,11 +150,13 @@ struct DifferenceSums<L> {
     squared: L,
 }
 
-impl<L: Eight> DifferenceSums<L> {
+impl<L: Eight, const LIGHT: bool, const SQUARED: bool, const TILT: bool>
+    DifferenceSums<L, LIGHT, SQUARED, TILT>
+{
     #[inline(always)]
-    fn new(level: f32) -> Self {
+    fn new(template: &Template) -> Self {
         Self {
-            level: L::splat(level),
+            level: L::splat(template.level),
             products: [L::zero(); 3],
             plain: L::zero(),
             tilt: [L::zero(); 2],
@@ -153,36 +164,52 @@ impl<L: Eight> DifferenceSums<L> {
         }
     }
 
-    /// Add eight pixels of a row, of `next` and of the template.
+    /// Add eight pixels of a row, of `next` and of the template. `columns` are the sum of this column of lanes, and that
+    /// of its sums after each row.
     #[inline(always)]
-    fn add<const FINE: bool>(&mut self, value: L, cell: &Cell, mask: L, column: &mut L, y: &mut L) {
+    fn add(&mut self, value: L, cell: &Cell, mask: L, columns: &mut [L; 2]) {
         let prev = L::unpack(&cell.prev);
         let d = (value - prev).keep(mask);
-        self.products[0] += d * (prev - self.level);
         self.products[1] += d * L::unpack(&cell.gradient[0]);
         self.products[2] += d * L::unpack(&cell.gradient[1]);
-        self.squared += d * d;
-        *column += d;
-        if FINE {
-            self.tilt[1] += d * *y;
-            *y += L::splat(1.0);
+        if SQUARED {
+            self.squared += d * d;
+        }
+        if LIGHT {
+            self.products[0] += d * (prev - self.level);
+            columns[0] += d;
+        }
+        if TILT {
+            columns[1] += columns[0];
         }
     }
 
-    /// Take in the plain sum of a column of lanes with these x coordinates.
+    /// Take in the sums of a column of lanes.
     #[inline(always)]
-    fn close(&mut self, column: L, x: L) {
-        self.plain += column;
-        self.tilt[0] += column * x;
+    fn close(&mut self, columns: [L; 2], window: Window, block: usize) {
+        if LIGHT {
+            self.plain += columns[0];
+        }
+        if TILT {
+            self.tilt[0] += columns[0] * window.block_x(block);
+            self.tilt[1] += window.with_y(columns);
+        }
     }
 
     #[inline(always)]
     fn finish(self) -> Sums {
-        Sums {
-            products: L::sums(&self.products),
-            plain: self.plain.sum(),
-            tilt: L::sums(&self.tilt),
-            squared: self.squared.sum(),
+        let mut sums = Sums::default();
+        let [intensity, x, y] = self.products;
+        [sums.products[1], sums.products[2]] = L::sums(&[x, y]);
+        if LIGHT {
+            [sums.products[0], sums.plain] = L::sums(&[intensity, self.plain]);
         }
+        if TILT {
+            sums.tilt = L::sums(&self.tilt);
+        }
+        if SQUARED {
+            sums.squared = self.squared.sum();
+        }
+        sums
     }
 }

@@ -74,6 +74,13 @@ impl Window {
         ]
     }
 
+    /// The sum of values times their y coordinates from the window's centre, where their sum is `total` and the sum of
+    /// their sums down to each row is `running`: a value counts there as often as there are rows from its own on.
+    #[inline(always)]
+    pub(super) fn with_y<L: Eight>(self, [total, running]: [L; 2]) -> L {
+        total * L::splat(self.height as f32 - self.half()[1]) - running
+    }
+
     /// The x coordinates of a block of lanes, from the window's centre.
     #[inline(always)]
     pub(super) fn block_x<L: Eight>(self, block: usize) -> L {

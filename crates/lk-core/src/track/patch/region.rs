@@ -10,33 +10,66 @@ use crate::simd::EIGHT;
 pub(super) const MAX_SAMPLED: usize = (MAX_SIDE + 2).next_multiple_of(EIGHT);
 const MAX_REGION: usize = MAX_SAMPLED + SPLINE_TAPS;
 
+/// The most pixels of a row that are taken at once.
+const LEAST_STRIDE: usize = EIGHT + SPLINE_TAPS;
+
+/// A row more than a region has: the last one too is followed by so much memory.
+const SCRATCH: usize = (MAX_REGION + 1) * MAX_REGION;
+
 /// Memory for windows that reach over the border.
 #[derive(Debug)]
-pub(crate) struct BorderScratch([f32; MAX_REGION * MAX_REGION]);
+pub(crate) struct BorderScratch([f32; SCRATCH]);
 
 impl BorderScratch {
     pub(crate) fn new() -> Self {
-        Self([0.0; MAX_REGION * MAX_REGION])
+        Self([0.0; SCRATCH])
     }
 }
 
-/// Pixels of a plane from a first one on, in rows `stride` apart.
+/// Pixels of a plane from a first one on, in rows `stride` apart. A stride's worth of memory follows the start of every
+/// row and of every block of lanes in it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Region<'a> {
     pub(super) data: &'a [f32],
     pub(super) stride: usize,
 }
 
-impl Region<'_> {
-    /// `N` pixels of `row` from `column` on.
+/// The same columns of one row after the other.
+#[derive(Debug)]
+pub(super) struct Rows<'a, const N: usize> {
+    data: &'a [f32],
+    stride: usize,
+}
+
+impl<'a, const N: usize> Rows<'a, N> {
+    /// Those of the next row.
     #[inline(always)]
-    pub(super) fn reach<const N: usize>(&self, row: usize, column: usize) -> &[f32; N] {
-        let start = row * self.stride + column;
-        match self.data[start..start + N].first_chunk() {
-            Some(reach) => reach,
-            // The slice above has this very length.
+    pub(super) fn below(&mut self) -> &'a [f32; N] {
+        let (row, rest) = self.data.split_at(self.stride);
+        self.data = rest;
+        match row.first_chunk() {
+            Some(row) => row,
+            // A row is at least so long, see `Region::rows`.
             None => &[0.0; N],
         }
+    }
+}
+
+impl<'a> Region<'a> {
+    /// `N` pixels of each row from `column` on, from the top row down.
+    #[inline(always)]
+    pub(super) fn rows<const N: usize>(&self, column: usize) -> Rows<'a, N> {
+        assert!(N <= self.stride);
+        Rows {
+            data: &self.data[column..],
+            stride: self.stride,
+        }
+    }
+
+    /// One pixel.
+    #[inline(always)]
+    pub(super) fn at(&self, row: usize, column: usize) -> f32 {
+        self.data[row * self.stride + column]
     }
 }
 
@@ -51,11 +84,12 @@ pub(super) fn region<'a>(
     scratch: &'a mut BorderScratch,
 ) -> Region<'a> {
     let (width, height) = (plane.width(), plane.height());
-    if x >= 0 && y >= 0 && x as usize + columns <= width && y as usize + rows <= height {
+    let wide = width >= LEAST_STRIDE;
+    if wide && x >= 0 && y >= 0 && x as usize + columns <= width && y as usize + rows <= height {
         let start = y as usize * width + x as usize;
         let data = &plane.data()[start..];
         // What is loaded beyond a row's end is the next row's start, and has no weight.
-        if (rows - 1) * width + columns + EIGHT <= data.len() {
+        if rows * width + columns <= data.len() {
             return Region {
                 data,
                 stride: width,

@@ -1,6 +1,6 @@
 //! Grey levels between pixels: separable filters with the same weights for every pixel of a window.
 
-use super::region::Region;
+use super::region::{Region, Rows};
 use crate::simd::{EIGHT, Eight};
 
 /// Taps of the cubic B-spline, and the pixels that it reaches before a position.
@@ -32,10 +32,12 @@ pub(super) fn spline_weights<L: Eight>(f: f32) -> [L; SPLINE_TAPS] {
     ]
 }
 
+/// Pixels of a row that eight samples of the spline take.
+const SPLINE_REACH: usize = EIGHT + SPLINE_TAPS - 1;
+
 /// Eight columns of a region, filtered by the spline row by row from the top.
 pub(super) struct Spline<'a, L> {
-    region: Region<'a>,
-    column: usize,
+    source: Rows<'a, SPLINE_REACH>,
     /// The rows above the newest, filtered along x, the newest last.
     rows: [L; SPLINE_TAPS - 1],
 }
@@ -43,29 +45,26 @@ pub(super) struct Spline<'a, L> {
 impl<'a, L: Eight> Spline<'a, L> {
     #[inline(always)]
     pub(super) fn new(region: Region<'a>, column: usize, wx: &[L; SPLINE_TAPS]) -> Self {
-        Self {
-            region,
-            column,
-            rows: [
-                Self::across(region, 0, column, wx),
-                Self::across(region, 1, column, wx),
-                Self::across(region, 2, column, wx),
-            ],
-        }
+        let mut source = region.rows(column);
+        let rows = [
+            Self::across(source.below(), wx),
+            Self::across(source.below(), wx),
+            Self::across(source.below(), wx),
+        ];
+        Self { source, rows }
     }
 
     #[inline(always)]
-    fn across(region: Region<'a>, row: usize, column: usize, w: &[L; SPLINE_TAPS]) -> L {
-        let row: &[f32; EIGHT + SPLINE_TAPS - 1] = region.reach(row, column);
+    fn across(row: &[f32; SPLINE_REACH], w: &[L; SPLINE_TAPS]) -> L {
         (L::load(row, 1) * w[1] + L::load(row, 2) * w[2])
             + (L::load(row, 0) * w[0] + L::load(row, 3) * w[3])
     }
 
-    /// The samples of `row`; rows come in order.
+    /// The samples of the next row.
     #[inline(always)]
-    pub(super) fn sample(&mut self, row: usize, wx: &[L; SPLINE_TAPS], wy: &[L; SPLINE_TAPS]) -> L {
+    pub(super) fn below(&mut self, wx: &[L; SPLINE_TAPS], wy: &[L; SPLINE_TAPS]) -> L {
         let [a, b, c] = self.rows;
-        let newest = Self::across(self.region, row + 3, self.column, wx);
+        let newest = Self::across(self.source.below(), wx);
         self.rows = [b, c, newest];
         (b * wy[1] + c * wy[2]) + (a * wy[0] + newest * wy[3])
     }
@@ -77,8 +76,31 @@ pub(super) fn pair<L: Eight>(f: f32) -> [L; 2] {
     [L::splat(1.0 - f), L::splat(f)]
 }
 
-/// One row of linear interpolation along x.
-#[inline(always)]
-pub(super) fn linear<L: Eight>(row: &[f32; EIGHT + 1], wx: &[L; 2]) -> L {
-    L::load(row, 0) * wx[0] + L::load(row, 1) * wx[1]
+/// Eight columns of a region, interpolated linearly row by row from the top.
+pub(super) struct Linear<'a, L> {
+    source: Rows<'a, { EIGHT + 1 }>,
+    above: L,
+}
+
+impl<'a, L: Eight> Linear<'a, L> {
+    #[inline(always)]
+    pub(super) fn new(region: Region<'a>, column: usize, wx: &[L; 2]) -> Self {
+        let mut source = region.rows(column);
+        let above = Self::across(source.below(), wx);
+        Self { source, above }
+    }
+
+    #[inline(always)]
+    fn across(row: &[f32; EIGHT + 1], wx: &[L; 2]) -> L {
+        L::load(row, 0) * wx[0] + L::load(row, 1) * wx[1]
+    }
+
+    /// The samples of the next row.
+    #[inline(always)]
+    pub(super) fn below(&mut self, wx: &[L; 2], wy: &[L; 2]) -> L {
+        let below = Self::across(self.source.below(), wx);
+        let value = self.above * wy[0] + below * wy[1];
+        self.above = below;
+        value
+    }
 }

@@ -1,7 +1,7 @@
 //! The window in `prev`, its gradients, and their sums.
 
 use super::region::{BorderScratch, MAX_SAMPLED, Region, region, split};
-use super::sampling::{SPLINE_BEFORE, SPLINE_TAPS, Sampling, Spline, linear, pair, spline_weights};
+use super::sampling::{Linear, SPLINE_BEFORE, SPLINE_TAPS, Sampling, Spline, pair, spline_weights};
 use super::{MAX_SIDE, Window};
 use crate::frame::Plane;
 use crate::simd::{EIGHT, Eight, EightKernel, Packed};
@@ -23,8 +23,10 @@ pub(super) struct Cell {
 pub(crate) struct Template {
     pub(crate) window: Window,
     pub(crate) sampling: Sampling,
-    /// Samples with one more on each side, in rows of whole lanes.
-    samples: [f32; MAX_SAMPLED * (MAX_SIDE + 2) + EIGHT],
+    /// Whether the light may change.
+    pub(super) light: bool,
+    /// Samples with one more on each side, in rows of whole lanes, and a row more.
+    samples: [f32; MAX_SAMPLED * (MAX_SIDE + 3)],
     /// Columns of eight pixels, one after the other, each from its top row down.
     pub(super) cells: [Cell; MAX_BLOCKS * MAX_SIDE],
     /// Grey level of a pixel in the middle, from which `sums` counts the intensity.
@@ -34,18 +36,18 @@ pub(crate) struct Template {
     corner: [f32; 2],
 }
 
-/// Sums over the window of the intensity a and the gradients x and y.
+/// Sums over the window of the intensity a and the gradients x and y; 0 where they were not asked for.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct TemplateSums {
     /// Of a, x, y.
     pub(crate) plain: [f64; 3],
-    /// Of a, x, y times the x coordinate from the window's centre.
+    /// Of a, x, y times the x coordinate from the window's centre; of a fine template.
     pub(crate) with_x: [f64; 3],
-    /// Of a, x, y times the y coordinate from the window's centre.
+    /// Of a, x, y times the y coordinate from the window's centre; of a fine template.
     pub(crate) with_y: [f64; 3],
     /// Of aa, ax, ay, xx, xy, yy.
     pub(crate) products: [f64; 6],
-    /// Of x and of y, each with its value one row above.
+    /// Of x and of y, each with its value one row above; of a fine template.
     pub(crate) lagged: [f64; 2],
 }
 
@@ -61,12 +63,20 @@ impl Template {
                 height: 0,
             },
             sampling: Sampling::Linear,
+            light: false,
             samples: [0.0; _],
             cells: [cell; _],
             level: 0.0,
             sums: TemplateSums::default(),
             corner: [0.0; 2],
         }
+    }
+
+    /// The cells of a column of lanes, from the top row down.
+    #[inline(always)]
+    pub(super) fn column(&self, block: usize) -> &[Cell] {
+        let height = self.window.height;
+        &self.cells[block * height..][..height]
     }
 
     /// The window's first sample, (x, y) in `prev`.
@@ -96,6 +106,8 @@ pub(crate) struct BuildTemplate<'a> {
     pub(crate) centre: [f32; 2],
     pub(crate) window: Window,
     pub(crate) sampling: Sampling,
+    /// Whether the light may change: then all sums are wanted, else those of a displacement alone.
+    pub(crate) light: bool,
     pub(crate) scratch: &'a mut BorderScratch,
 }
 
@@ -109,10 +121,12 @@ impl EightKernel for BuildTemplate<'_> {
             template,
             window,
             sampling,
+            light,
             ..
         } = self;
         template.window = window;
         template.sampling = sampling;
+        template.light = light;
         let half = window.half();
         let corner = [self.centre[0] - half[0], self.centre[1] - half[1]];
         template.corner = corner;
@@ -122,33 +136,34 @@ impl EightKernel for BuildTemplate<'_> {
             let place = (x as isize - 1, y as isize - 1);
             let region = region(self.prev, place, columns, rows, self.scratch);
             let cells = &mut template.cells;
-            (template.level, template.sums) =
-                differentiate::<L, false, false>(region, window, cells);
+            (template.level, template.sums) = if light {
+                differentiate::<L, false, false, true>(region, window, cells)
+            } else {
+                differentiate::<L, false, false, false>(region, window, cells)
+            };
             return [x + half[0], y + half[1]];
         }
         let (x, fx) = split(corner[0] - 1.0);
         let (y, fy) = split(corner[1] - 1.0);
         let blocks = columns.div_ceil(EIGHT);
+        let stride = blocks * EIGHT;
         if sampling == Sampling::Bouguet {
             let source = region(self.prev, (x, y), columns + 1, rows + 1, self.scratch);
             let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
             for block in 0..blocks {
                 let at = block * EIGHT;
-                let mut above = linear(source.reach(0, at), &wx);
-                for row in 0..rows {
-                    let below = linear(source.reach(row + 1, at), &wx);
-                    let value = above * wy[0] + below * wy[1];
-                    above = below;
-                    value.store(&mut template.samples, row * blocks * EIGHT + at);
+                let mut column = Linear::new(source, at, &wx);
+                for to in template.samples[at..].chunks_exact_mut(stride).take(rows) {
+                    column.below(&wx, &wy).store(to, 0);
                 }
             }
             let region = Region {
                 data: &template.samples,
-                stride: blocks * EIGHT,
+                stride,
             };
             let cells = &mut template.cells;
             (template.level, template.sums) =
-                differentiate::<L, true, false>(region, window, cells);
+                differentiate::<L, true, false, false>(region, window, cells);
             return self.centre;
         }
         let source = region(
@@ -161,58 +176,60 @@ impl EightKernel for BuildTemplate<'_> {
         let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
         for block in 0..blocks {
             let mut column = Spline::new(source, block * EIGHT, &wx);
-            for row in 0..rows {
-                let at = (row * blocks + block) * EIGHT;
-                column
-                    .sample(row, &wx, &wy)
-                    .store(&mut template.samples, at);
+            let at = block * EIGHT;
+            for to in template.samples[at..].chunks_exact_mut(stride).take(rows) {
+                column.below(&wx, &wy).store(to, 0);
             }
         }
         let region = Region {
             data: &template.samples,
-            stride: blocks * EIGHT,
+            stride,
         };
-        (template.level, template.sums) =
-            differentiate::<L, false, true>(region, window, &mut template.cells);
+        let cells = &mut template.cells;
+        (template.level, template.sums) = if light {
+            differentiate::<L, false, true, true>(region, window, cells)
+        } else {
+            differentiate::<L, false, true, false>(region, window, cells)
+        };
         self.centre
     }
 }
 
 /// Fill `cells` with grey levels and their gradients by central differences, and sum them.
 ///
-/// Only a `FINE` template has sums with coordinates and with the row above.
+/// Only a `FINE` template has sums with coordinates and with the row above; without `LIGHT` there are none that only a
+/// change of light needs.
 ///
 /// Central differences of the samples, not the derivative of the spline: the noise of a pixel is then uncorrelated
 /// with the noise of the gradient there, at every sub-pixel offset, and cannot pull the solution.
 #[inline(always)]
-fn differentiate<L: Eight, const SCHARR: bool, const FINE: bool>(
+fn differentiate<L: Eight, const SCHARR: bool, const FINE: bool, const LIGHT: bool>(
     region: Region<'_>,
     window: Window,
     cells: &mut [Cell],
 ) -> (f32, TemplateSums) {
     let (blocks, height) = (window.blocks(), window.height);
     // Grey levels from that of the middle: sums of their squares then keep their digits.
-    let level = region.reach::<1>(height / 2 + 1, window.width / 2 + 1)[0];
+    let level = region.at(height / 2 + 1, window.width / 2 + 1);
     let (half, base) = (L::splat(0.5), L::splat(level));
-    let (mut plain, mut with_x, mut with_y) = ([L::zero(); 3], [L::zero(); 3], [L::zero(); 3]);
-    let (mut products, mut lagged) = ([L::zero(); 6], [L::zero(); 2]);
+    let mut total = TemplateLanes::<L>::new();
     for block in 0..blocks {
         let at = block * EIGHT;
-        let mask = L::unpack(&Packed::first(window.width - at));
+        let mask = L::first(window.width - at);
+        // Of this column of lanes: apart from those before, so that they stay in registers.
+        let mut own = TemplateLanes::<L>::new();
+        let mut running = [L::zero(); 3];
         let mut last = [L::zero(); 2];
-        let mut column = [L::zero(); 3];
-        let mut y = L::splat(-window.half()[1]);
-        let mut above = L::load(region.reach::<EIGHT>(0, at + 1), 0);
-        let mut here = L::load(region.reach::<EIGHT>(1, at + 1), 0);
-        for (row, cell) in cells[block * height..][..height].iter_mut().enumerate() {
-            let sides: &[f32; EIGHT + 2] = region.reach(row + 1, at);
-            let below = L::load(region.reach::<EIGHT>(row + 2, at + 1), 0);
+        let mut rows = region.rows::<{ EIGHT + 2 }>(at);
+        let (mut up, mut sides) = (rows.below(), rows.below());
+        let (mut above, mut here) = (L::load(up, 1), L::load(sides, 1));
+        for cell in &mut cells[block * height..][..height] {
+            let down = rows.below();
+            let below = L::load(down, 1);
             let a = (here - base).keep(mask);
             let mut gx = (L::load(sides, 2) - L::load(sides, 0)) * half;
             let mut gy = (below - above) * half;
             if SCHARR {
-                let up: &[f32; EIGHT + 2] = region.reach(row, at);
-                let down: &[f32; EIGHT + 2] = region.reach(row + 2, at);
                 let (outer, inner) = (L::splat(3.0 / 32.0), L::splat(10.0 / 16.0));
                 let [left, right] = [
                     L::load(down, 0) - L::load(up, 0),
@@ -231,38 +248,96 @@ fn differentiate<L: Eight, const SCHARR: bool, const FINE: bool>(
                 prev: here.keep(mask).pack(),
                 gradient: [gx.pack(), gy.pack()],
             };
+            (up, sides) = (sides, down);
             (above, here) = (here, below);
-            column[0] += a;
-            column[1] += gx;
-            column[2] += gy;
+            own.plain[0] += a;
+            own.products[0] += a * a;
+            own.products[3] += gx * gx;
+            own.products[4] += gx * gy;
+            own.products[5] += gy * gy;
+            if LIGHT {
+                own.plain[1] += gx;
+                own.plain[2] += gy;
+                own.products[1] += a * gx;
+                own.products[2] += a * gy;
+            }
+            if FINE && LIGHT {
+                for (running, plain) in running.iter_mut().zip(own.plain) {
+                    *running += plain;
+                }
+            }
             if FINE {
-                with_y[0] += a * y;
-                with_y[1] += gx * y;
-                with_y[2] += gy * y;
-                y += L::splat(1.0);
-                lagged[0] += gx * last[0];
-                lagged[1] += gy * last[1];
+                own.lagged[0] += gx * last[0];
+                own.lagged[1] += gy * last[1];
                 last = [gx, gy];
             }
-            products[0] += a * a;
-            products[1] += a * gx;
-            products[2] += a * gy;
-            products[3] += gx * gx;
-            products[4] += gx * gy;
-            products[5] += gy * gy;
         }
-        let x = window.block_x::<L>(block);
-        for index in 0..3 {
-            plain[index] += column[index];
-            with_x[index] += column[index] * x;
+        if FINE && LIGHT {
+            let x = window.block_x::<L>(block);
+            for (index, running) in running.into_iter().enumerate() {
+                total.with_x[index] += own.plain[index] * x;
+                total.with_y[index] += window.with_y([own.plain[index], running]);
+            }
+        }
+        total.add(&own);
+    }
+    (level, total.finish::<FINE, LIGHT>())
+}
+
+/// [`TemplateSums`] as they grow.
+struct TemplateLanes<L> {
+    plain: [L; 3],
+    with_x: [L; 3],
+    with_y: [L; 3],
+    products: [L; 6],
+    lagged: [L; 2],
+}
+
+impl<L: Eight> TemplateLanes<L> {
+    #[inline(always)]
+    fn new() -> Self {
+        Self {
+            plain: [L::zero(); 3],
+            with_x: [L::zero(); 3],
+            with_y: [L::zero(); 3],
+            products: [L::zero(); 6],
+            lagged: [L::zero(); 2],
         }
     }
-    let sums = TemplateSums {
-        plain: L::sums(&plain),
-        with_x: L::sums(&with_x),
-        with_y: L::sums(&with_y),
-        products: L::sums(&products),
-        lagged: L::sums(&lagged),
-    };
-    (level, sums)
+
+    /// Add what the pixels of `other` sum to, but for sums with coordinates.
+    #[inline(always)]
+    fn add(&mut self, other: &Self) {
+        for (sum, other) in self.plain.iter_mut().zip(other.plain) {
+            *sum += other;
+        }
+        for (sum, other) in self.products.iter_mut().zip(other.products) {
+            *sum += other;
+        }
+        for (sum, other) in self.lagged.iter_mut().zip(other.lagged) {
+            *sum += other;
+        }
+    }
+
+    #[inline(always)]
+    fn finish<const FINE: bool, const LIGHT: bool>(&self) -> TemplateSums {
+        let mut sums = TemplateSums::default();
+        if LIGHT {
+            sums.plain = L::sums(&self.plain);
+            sums.products = L::sums(&self.products);
+        } else {
+            let [aa, _, _, xx, xy, yy] = self.products;
+            sums.plain[0] = self.plain[0].sum();
+            let [aa, xx, xy, yy] = L::sums(&[aa, xx, xy, yy]);
+            sums.products = [aa, 0.0, 0.0, xx, xy, yy];
+        }
+        if FINE && LIGHT {
+            sums.with_x = L::sums(&self.with_x);
+            sums.with_y = L::sums(&self.with_y);
+        }
+        if FINE {
+            sums.lagged = L::sums(&self.lagged);
+        }
+        sums
+    }
 }
