@@ -9,6 +9,7 @@ use crate::frame::{Frame, Pixel, Plane};
 use crate::parallel::{RowsMut, for_each_band};
 use crate::pyramid::Pyramid;
 use crate::simd::{Level, dispatch_eight};
+use crate::track::normal::Light;
 use crate::track::patch::{
     AbsoluteDifference, BorderScratch, BuildTemplate, Compare, MAX_WINDOW, Sampling, Template,
     Window,
@@ -250,7 +251,7 @@ impl Search<'_> {
                 centre,
                 window,
                 sampling: Sampling::Bouguet,
-                light: false,
+                light: Light::STEADY,
                 scratch: &mut self.scratch,
             },
         );

@@ -77,20 +77,9 @@ impl Problem<'_> {
         }
         let mut forward_backward = f32::NAN;
         if let Some(limit) = self.options.max_forward_backward {
-            let back = self.follow(
-                self.backward(),
-                position,
-                guess.map(|component| -component),
-                top,
-                RETURN_SHARE * f64::from(limit),
-                workspace,
-            );
-            if let Ok(back) = back {
-                let back = back.after(&back.step);
-                let dx = fit.displacement[0] + back[0];
-                let dy = fit.displacement[1] + back[1];
-                forward_backward = dx.hypot(dy) as f32;
-            }
+            let tolerance = RETURN_SHARE * f64::from(limit);
+            let back = self.come_back(point, position, guess, top, tolerance, workspace);
+            forward_backward = back.map_or(f32::NAN, |distance| distance as f32);
             // Also where nothing came back, and the distance is NaN.
             if forward_backward.is_nan() || forward_backward > limit {
                 return TrackedPoint {

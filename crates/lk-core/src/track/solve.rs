@@ -75,7 +75,6 @@ pub(super) struct Rest {
     pub(super) corner: [f64; 2],
     pub(super) sums: Sums,
     pub(super) normal: Normal,
-    pub(super) step: Step,
 }
 
 impl Rest {
@@ -211,8 +210,9 @@ impl Problem<'_> {
         workspace: &mut Workspace,
     ) -> Option<([f64; 2], f64)> {
         let window = coarse_window(self.options.window);
-        let centre = self.build(from, centre, window, Sampling::Linear, workspace);
-        let normal = Normal::new(&workspace.template, Light::of(self.options.illumination))?;
+        let light = Light::of(self.options.illumination);
+        let centre = self.build(from, centre, window, Sampling::Linear, light, workspace);
+        let normal = Normal::new(&workspace.template, light)?;
         let reach = f64::from(window.half()[0].max(window.half()[1])) + 1.0;
         let mut displacement = guess;
         let mut last = f64::INFINITY;
@@ -242,6 +242,41 @@ impl Problem<'_> {
         None
     }
 
+    /// How far from `point` the window around `position` comes back to, tracked on its own way.
+    pub(super) fn come_back(
+        &self,
+        point: [f32; 2],
+        position: [f32; 2],
+        guess: [f64; 2],
+        top: usize,
+        tolerance: f64,
+        workspace: &mut Workspace,
+    ) -> Option<f64> {
+        let way = self.backward();
+        let start = guess.map(|component| -component);
+        let (mut displacement, _) = self.descend::<false>(way, position, start, top, workspace);
+        let (from, to) = (&way.from[0], &way.to[0]);
+        let window = self.options.window.with_rim();
+        let light = Light::of(self.options.illumination).with_tilt();
+        let centre = self.build(from, position, window, Sampling::Linear, light, workspace);
+        let normal = Normal::new(&workspace.template, light)?;
+        let mut last = f64::INFINITY;
+        for _ in 0..self.options.max_iterations {
+            let sums = self.compare(to, centre, displacement, false, workspace)?;
+            let step = normal.step(&sums);
+            let size = length(step.by);
+            displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
+            let factor = (size / last).max(LEAST_FACTOR);
+            if factor < 1.0 && size * factor / (1.0 - factor) < tolerance {
+                let x = f64::from(position[0]) + displacement[0] - f64::from(point[0]);
+                let y = f64::from(position[1]) + displacement[1] - f64::from(point[1]);
+                return Some(length([x, y]));
+            }
+            last = size;
+        }
+        None
+    }
+
     /// The displacement on the finest level, to `tolerance` pixels.
     fn fine(
         &self,
@@ -253,12 +288,12 @@ impl Problem<'_> {
     ) -> Result<Rest, PointStatus> {
         let (from, to) = (&way.from[0], &way.to[0]);
         let window = self.options.window.with_rim();
-        self.build(from, centre, window, Sampling::Spline, workspace);
+        let light = Light::of(self.options.illumination).with_tilt();
+        self.build(from, centre, window, Sampling::Spline, light, workspace);
         let template = &workspace.template;
         if !template.sums.products.iter().all(|sum| sum.is_finite()) {
             return Err(PointStatus::NotFinite);
         }
-        let light = Light::of(self.options.illumination).with_tilt();
         let normal = Normal::new(template, light).ok_or(PointStatus::LowTexture)?;
         let mut displacement = guess;
         let mut last = f64::INFINITY;
@@ -283,7 +318,6 @@ impl Problem<'_> {
                     corner,
                     sums,
                     normal,
-                    step,
                 });
             }
             last = size;
@@ -298,6 +332,7 @@ impl Problem<'_> {
         centre: [f32; 2],
         window: Window,
         sampling: Sampling,
+        light: Light,
         workspace: &mut Workspace,
     ) -> [f32; 2] {
         dispatch_eight(
@@ -308,7 +343,7 @@ impl Problem<'_> {
                 centre,
                 window,
                 sampling,
-                light: Light::of(self.options.illumination).changes(),
+                light,
                 scratch: &mut workspace.scratch,
             },
         )

@@ -14,19 +14,19 @@ pub(crate) struct Sums {
     pub(crate) products: [f64; 3],
     /// Alone.
     pub(crate) plain: f64,
-    /// With the coordinates from the window's centre; of a fine template.
+    /// With the coordinates from the window's centre.
     pub(crate) tilt: [f64; 2],
     /// Squared.
     pub(crate) squared: f64,
 }
 
-/// Compare a [`Template`] with `next` around `centre`. Sums that only a change of light needs are those of a template
-/// that was built for one.
+/// Compare a [`Template`] with `next` around `centre`. Sums that only a change of light needs are those
+/// that the template has.
 pub(crate) struct Compare<'a> {
     pub(crate) template: &'a Template,
     pub(crate) next: &'a Plane,
     pub(crate) centre: [f32; 2],
-    /// Whether to sum squares; on the finest level always.
+    /// Whether to sum squares; a spline always does.
     pub(crate) squared: bool,
     pub(crate) scratch: &'a mut BorderScratch,
 }
@@ -36,21 +36,23 @@ impl EightKernel for Compare<'_> {
 
     #[inline(always)]
     fn run<L: Eight>(self) -> Sums {
-        let fine = self.template.sampling == Sampling::Spline;
-        match (fine, self.template.light, self.squared) {
-            (true, true, _) => self.fine::<L, true>(),
-            (true, false, _) => self.fine::<L, false>(),
-            (false, true, true) => self.coarse::<L, true, true>(),
-            (false, true, false) => self.coarse::<L, true, false>(),
-            (false, false, true) => self.coarse::<L, false, true>(),
-            (false, false, false) => self.coarse::<L, false, false>(),
+        let light = self.template.light;
+        let spline = self.template.sampling == Sampling::Spline;
+        match (spline, light.changes(), light.has_tilt(), self.squared) {
+            (true, true, ..) => self.spline::<L, true>(),
+            (true, false, ..) => self.spline::<L, false>(),
+            (false, true, true, _) => self.linear::<L, true, true, true>(),
+            (false, true, false, true) => self.linear::<L, true, false, true>(),
+            (false, true, false, false) => self.linear::<L, true, false, false>(),
+            (false, false, _, true) => self.linear::<L, false, false, true>(),
+            (false, false, _, false) => self.linear::<L, false, false, false>(),
         }
     }
 }
 
 impl Compare<'_> {
     #[inline(always)]
-    fn coarse<L: Eight, const LIGHT: bool, const SQUARED: bool>(self) -> Sums {
+    fn linear<L: Eight, const LIGHT: bool, const TILT: bool, const SQUARED: bool>(self) -> Sums {
         let template = self.template;
         let window = template.window;
         let half = window.half();
@@ -59,7 +61,7 @@ impl Compare<'_> {
         let (columns, rows) = (window.width + 1, window.height + 1);
         let region = region(self.next, (x, y), columns, rows, self.scratch);
         let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
-        let mut sums = DifferenceSums::<L, LIGHT, SQUARED, false>::new(template);
+        let mut sums = DifferenceSums::<L, LIGHT, TILT, SQUARED>::new(template);
         for block in 0..window.blocks() {
             let mask = L::first(window.width - block * EIGHT);
             let mut samples = Linear::new(region, block * EIGHT, &wx);
@@ -74,7 +76,7 @@ impl Compare<'_> {
     }
 
     #[inline(always)]
-    fn fine<L: Eight, const LIGHT: bool>(self) -> Sums {
+    fn spline<L: Eight, const LIGHT: bool>(self) -> Sums {
         let template = self.template;
         let window = template.window;
         let half = window.half();
@@ -88,7 +90,7 @@ impl Compare<'_> {
             self.scratch,
         );
         let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
-        let mut sums = DifferenceSums::<L, LIGHT, true, LIGHT>::new(template);
+        let mut sums = DifferenceSums::<L, LIGHT, LIGHT, true>::new(template);
         for block in 0..window.blocks() {
             let mask = L::first(window.width - block * EIGHT);
             let mut samples = Spline::new(region, block * EIGHT, &wx);
@@ -142,7 +144,7 @@ impl EightKernel for AbsoluteDifference<'_> {
 }
 
 /// [`Sums`] as they grow: those of a change of light, of squares and of coordinates where they are wanted.
-struct DifferenceSums<L, const LIGHT: bool, const SQUARED: bool, const TILT: bool> {
+struct DifferenceSums<L, const LIGHT: bool, const TILT: bool, const SQUARED: bool> {
     level: L,
     products: [L; 3],
     plain: L,
@@ -150,8 +152,8 @@ struct DifferenceSums<L, const LIGHT: bool, const SQUARED: bool, const TILT: boo
     squared: L,
 }
 
-impl<L: Eight, const LIGHT: bool, const SQUARED: bool, const TILT: bool>
-    DifferenceSums<L, LIGHT, SQUARED, TILT>
+impl<L: Eight, const LIGHT: bool, const TILT: bool, const SQUARED: bool>
+    DifferenceSums<L, LIGHT, TILT, SQUARED>
 {
     #[inline(always)]
     fn new(template: &Template) -> Self {

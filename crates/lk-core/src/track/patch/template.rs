@@ -6,6 +6,7 @@ use super::{MAX_SIDE, Window};
 use crate::frame::Plane;
 use crate::simd::{EIGHT, Eight, EightKernel, Packed};
 use crate::track::noise::Gradients;
+use crate::track::normal::Light;
 
 const MAX_BLOCKS: usize = MAX_SIDE.div_ceil(EIGHT);
 
@@ -23,8 +24,8 @@ pub(super) struct Cell {
 pub(crate) struct Template {
     pub(crate) window: Window,
     pub(crate) sampling: Sampling,
-    /// Whether the light may change.
-    pub(super) light: bool,
+    /// What may change in the light: only the sums that it needs are made.
+    pub(super) light: Light,
     /// Samples with one more on each side, in rows of whole lanes, and a row more.
     samples: [f32; MAX_SAMPLED * (MAX_SIDE + 3)],
     /// Columns of eight pixels, one after the other, each from its top row down.
@@ -41,13 +42,13 @@ pub(crate) struct Template {
 pub(crate) struct TemplateSums {
     /// Of a, x, y.
     pub(crate) plain: [f64; 3],
-    /// Of a, x, y times the x coordinate from the window's centre; of a fine template.
+    /// Of a, x, y times the x coordinate from the window's centre.
     pub(crate) with_x: [f64; 3],
-    /// Of a, x, y times the y coordinate from the window's centre; of a fine template.
+    /// Of a, x, y times the y coordinate from the window's centre.
     pub(crate) with_y: [f64; 3],
     /// Of aa, ax, ay, xx, xy, yy.
     pub(crate) products: [f64; 6],
-    /// Of x and of y, each with its value one row above; of a fine template.
+    /// Of x and of y, each with its value one row above.
     pub(crate) lagged: [f64; 2],
 }
 
@@ -63,7 +64,7 @@ impl Template {
                 height: 0,
             },
             sampling: Sampling::Linear,
-            light: false,
+            light: Light::STEADY,
             samples: [0.0; _],
             cells: [cell; _],
             level: 0.0,
@@ -106,8 +107,8 @@ pub(crate) struct BuildTemplate<'a> {
     pub(crate) centre: [f32; 2],
     pub(crate) window: Window,
     pub(crate) sampling: Sampling,
-    /// Whether the light may change: then all sums are wanted, else those of a displacement alone.
-    pub(crate) light: bool,
+    /// What may change in the light.
+    pub(crate) light: Light,
     pub(crate) scratch: &'a mut BorderScratch,
 }
 
@@ -136,10 +137,12 @@ impl EightKernel for BuildTemplate<'_> {
             let place = (x as isize - 1, y as isize - 1);
             let region = region(self.prev, place, columns, rows, self.scratch);
             let cells = &mut template.cells;
-            (template.level, template.sums) = if light {
-                differentiate::<L, false, false, true>(region, window, cells)
-            } else {
-                differentiate::<L, false, false, false>(region, window, cells)
+            (template.level, template.sums) = match (light.changes(), light.has_tilt()) {
+                (true, true) => differentiate::<L, false, false, true, true>(region, window, cells),
+                (true, false) => {
+                    differentiate::<L, false, false, true, false>(region, window, cells)
+                }
+                (false, _) => differentiate::<L, false, false, false, false>(region, window, cells),
             };
             return [x + half[0], y + half[1]];
         }
@@ -163,7 +166,7 @@ impl EightKernel for BuildTemplate<'_> {
             };
             let cells = &mut template.cells;
             (template.level, template.sums) =
-                differentiate::<L, true, false, false>(region, window, cells);
+                differentiate::<L, true, false, false, false>(region, window, cells);
             return self.centre;
         }
         let source = region(
@@ -186,10 +189,10 @@ impl EightKernel for BuildTemplate<'_> {
             stride,
         };
         let cells = &mut template.cells;
-        (template.level, template.sums) = if light {
-            differentiate::<L, false, true, true>(region, window, cells)
+        (template.level, template.sums) = if light.changes() {
+            differentiate::<L, false, true, true, true>(region, window, cells)
         } else {
-            differentiate::<L, false, true, false>(region, window, cells)
+            differentiate::<L, false, true, false, false>(region, window, cells)
         };
         self.centre
     }
@@ -197,13 +200,19 @@ impl EightKernel for BuildTemplate<'_> {
 
 /// Fill `cells` with grey levels and their gradients by central differences, and sum them.
 ///
-/// Only a `FINE` template has sums with coordinates and with the row above; without `LIGHT` there are none that only a
-/// change of light needs.
+/// Sums with the row above are made where `LAGGED`, those that a change of light needs where `LIGHT`, those with
+/// coordinates where `TILT`.
 ///
 /// Central differences of the samples, not the derivative of the spline: the noise of a pixel is then uncorrelated
 /// with the noise of the gradient there, at every sub-pixel offset, and cannot pull the solution.
 #[inline(always)]
-fn differentiate<L: Eight, const SCHARR: bool, const FINE: bool, const LIGHT: bool>(
+fn differentiate<
+    L: Eight,
+    const SCHARR: bool,
+    const LAGGED: bool,
+    const LIGHT: bool,
+    const TILT: bool,
+>(
     region: Region<'_>,
     window: Window,
     cells: &mut [Cell],
@@ -261,18 +270,18 @@ fn differentiate<L: Eight, const SCHARR: bool, const FINE: bool, const LIGHT: bo
                 own.products[1] += a * gx;
                 own.products[2] += a * gy;
             }
-            if FINE && LIGHT {
+            if TILT {
                 for (running, plain) in running.iter_mut().zip(own.plain) {
                     *running += plain;
                 }
             }
-            if FINE {
+            if LAGGED {
                 own.lagged[0] += gx * last[0];
                 own.lagged[1] += gy * last[1];
                 last = [gx, gy];
             }
         }
-        if FINE && LIGHT {
+        if TILT {
             let x = window.block_x::<L>(block);
             for (index, running) in running.into_iter().enumerate() {
                 total.with_x[index] += own.plain[index] * x;
@@ -281,7 +290,7 @@ fn differentiate<L: Eight, const SCHARR: bool, const FINE: bool, const LIGHT: bo
         }
         total.add(&own);
     }
-    (level, total.finish::<FINE, LIGHT>())
+    (level, total.finish::<LAGGED, LIGHT, TILT>())
 }
 
 /// [`TemplateSums`] as they grow.
@@ -320,7 +329,7 @@ impl<L: Eight> TemplateLanes<L> {
     }
 
     #[inline(always)]
-    fn finish<const FINE: bool, const LIGHT: bool>(&self) -> TemplateSums {
+    fn finish<const LAGGED: bool, const LIGHT: bool, const TILT: bool>(&self) -> TemplateSums {
         let mut sums = TemplateSums::default();
         if LIGHT {
             sums.plain = L::sums(&self.plain);
@@ -331,11 +340,11 @@ impl<L: Eight> TemplateLanes<L> {
             let [aa, xx, xy, yy] = L::sums(&[aa, xx, xy, yy]);
             sums.products = [aa, 0.0, 0.0, xx, xy, yy];
         }
-        if FINE && LIGHT {
+        if TILT {
             sums.with_x = L::sums(&self.with_x);
             sums.with_y = L::sums(&self.with_y);
         }
-        if FINE {
+        if LAGGED {
             sums.lagged = L::sums(&self.lagged);
         }
         sums
