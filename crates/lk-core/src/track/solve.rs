@@ -22,6 +22,9 @@ const LEAST_FACTOR: f64 = 0.2;
 /// The coarsest level of a second try: its starts are right to a few pixels.
 const RETRY_LEVEL: usize = 3;
 
+/// The level on which the way back begins.
+const RETURN_LEVEL: usize = 1;
+
 /// Memory of one thread.
 #[derive(Debug)]
 pub(crate) struct Workspace {
@@ -66,6 +69,16 @@ pub(super) struct Way<'a> {
     pub(super) to: &'a [Plane],
 }
 
+/// A way down the coarse levels.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Descent {
+    pub(super) displacement: [f64; 2],
+    /// From which displacement the level [`RETURN_LEVEL`], or the first one below it, was entered.
+    pub(super) entry: [f64; 2],
+    /// The share of the window's variance that is left on the last of the levels; infinite unless that was asked for.
+    unexplained: f64,
+}
+
 /// The last step on the finest level.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rest {
@@ -101,10 +114,17 @@ impl Problem<'_> {
         let top = self.prev.len() - 1;
         let guess = start.map(f64::from);
         let way = self.forward();
-        match self.follow(way, point, guess, top, self.tolerance(), workspace) {
+        let descent = self.descend::<false>(way, point, guess, top, workspace);
+        match self.fine(
+            way,
+            point,
+            descent.displacement,
+            self.tolerance(),
+            workspace,
+        ) {
             Ok(rest) => {
                 let fit = self.settle(&rest, &workspace.template);
-                self.conclude(point, guess, top, &fit, workspace)
+                self.conclude(point, descent.entry, top, &fit, workspace)
             }
             Err(status) => TrackedPoint::lost(status),
         }
@@ -120,20 +140,25 @@ impl Problem<'_> {
     ) -> TrackedPoint {
         let top = top.clamp(1, RETRY_LEVEL).min(self.prev.len() - 1);
         let way = self.forward();
-        let mut best: Option<(f64, [f64; 2], [f64; 2])> = None;
+        let mut best: Option<Descent> = None;
         for guess in candidates {
-            let (found, unexplained) = self.descend::<true>(way, point, *guess, top, workspace);
-            if best.is_none_or(|(least, ..)| unexplained < least) {
-                best = Some((unexplained, found, *guess));
+            let descent = self.descend::<true>(way, point, *guess, top, workspace);
+            if best.is_none_or(|best| descent.unexplained < best.unexplained) {
+                best = Some(descent);
             }
         }
-        let Some((_, found, guess)) = best else {
+        let Some(Descent {
+            displacement: found,
+            entry,
+            ..
+        }) = best
+        else {
             return TrackedPoint::lost(PointStatus::HighResidual);
         };
         match self.fine(way, point, found, self.tolerance(), workspace) {
             Ok(rest) => {
                 let fit = self.settle(&rest, &workspace.template);
-                self.conclude(point, guess, top, &fit, workspace)
+                self.conclude(point, entry, top, &fit, workspace)
             }
             Err(status) => TrackedPoint::lost(status),
         }
@@ -158,21 +183,6 @@ impl Problem<'_> {
         0.5 * f64::from(self.options.epsilon)
     }
 
-    /// The displacement of the window around `point` from the level `top` down, to `tolerance`
-    /// pixels.
-    pub(super) fn follow(
-        &self,
-        way: Way<'_>,
-        point: [f32; 2],
-        guess: [f64; 2],
-        top: usize,
-        tolerance: f64,
-        workspace: &mut Workspace,
-    ) -> Result<Rest, PointStatus> {
-        let (displacement, _) = self.descend::<false>(way, point, guess, top, workspace);
-        self.fine(way, point, displacement, tolerance, workspace)
-    }
-
     /// The displacement after the coarse levels from `top` down, and, to `RANK` it, the share of the window's variance
     /// that it leaves unexplained on the last of them.
     fn descend<const RANK: bool>(
@@ -182,10 +192,13 @@ impl Problem<'_> {
         guess: [f64; 2],
         top: usize,
         workspace: &mut Workspace,
-    ) -> ([f64; 2], f64) {
-        let mut displacement = guess;
+    ) -> Descent {
+        let (mut displacement, mut entry) = (guess, guess);
         let mut unexplained = f64::INFINITY;
         for level in (1..=top).rev() {
+            if level == RETURN_LEVEL {
+                entry = displacement;
+            }
             let scale = 1.0 / f64::from(1u32 << level);
             let guess = displacement.map(|component| component * scale);
             let centre = point.map(|coordinate| coordinate * scale as f32);
@@ -197,7 +210,11 @@ impl Problem<'_> {
                 unexplained = left;
             }
         }
-        (displacement, unexplained)
+        Descent {
+            displacement,
+            entry,
+            unexplained,
+        }
     }
 
     /// A rough displacement on a coarse level, if the window has one to offer, and what it leaves unexplained.
@@ -254,7 +271,10 @@ impl Problem<'_> {
     ) -> Option<f64> {
         let way = self.backward();
         let start = guess.map(|component| -component);
-        let (mut displacement, _) = self.descend::<false>(way, position, start, top, workspace);
+        let top = top.min(RETURN_LEVEL);
+        let mut displacement = self
+            .descend::<false>(way, position, start, top, workspace)
+            .displacement;
         let (from, to) = (&way.from[0], &way.to[0]);
         let window = self.options.window.with_rim();
         let light = Light::of(self.options.illumination).with_tilt();
