@@ -26,7 +26,6 @@ def gain(factor: float, plus: float = 0.0) -> Lighting:
     Returns
     -------
     Lighting
-        Takes and gives (height, width) float64 in grey levels of 0..255; does not clip.
 
     Examples
     --------
@@ -48,7 +47,6 @@ def offset(levels: float) -> Lighting:
     Returns
     -------
     Lighting
-        Takes and gives (height, width) float64 in grey levels of 0..255; does not clip.
 
     Examples
     --------
@@ -70,7 +68,6 @@ def gamma(exponent: float) -> Lighting:
     Returns
     -------
     Lighting
-        Takes and gives (height, width) float64 in grey levels of 0..255.
 
     Examples
     --------
@@ -99,7 +96,6 @@ def ramp(start: float, stop: float, *, axis: str = "x") -> Lighting:
     Returns
     -------
     Lighting
-        Takes and gives (height, width) float64 in grey levels of 0..255; does not clip.
 
     Examples
     --------
@@ -131,7 +127,6 @@ def spotlight(levels: float, *, x: float = 0.6, y: float = 0.4, radius: float = 
     Returns
     -------
     Lighting
-        Takes and gives (height, width) float64 in grey levels of 0..255; does not clip.
 
     Examples
     --------
@@ -165,7 +160,6 @@ def shadow(factor: float, *, x: float = 0.55, slope: float = 0.5) -> Lighting:
     Returns
     -------
     Lighting
-        Takes and gives (height, width) float64 in grey levels of 0..255; does not clip.
 
     Examples
     --------

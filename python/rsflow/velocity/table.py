@@ -217,13 +217,9 @@ def write_velocity_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, An
 
     Examples
     --------
-    >>> import rsflow
-    >>> from rsflow.velocity import velocity_row, write_velocity_csv
-    >>> flight = rsflow.synthetic.flight(frames=3, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
-    >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=0.2)
-    >>> rows = [
-    ...     velocity_row(estimator.update(frame.image, frame.t_s), frame=frame.index, height_m=0.2) for frame in flight
-    ... ]
+    >>> from rsflow.velocity import Velocity, VelocityStatus, velocity_row, write_velocity_csv
+    >>> velocity = Velocity(0.1, 0.1, 0.03, 0.0, 0.0, np.eye(3) * 1e-6, VelocityStatus.OK, 90, -4.5, 0.0)
+    >>> rows = [velocity_row(velocity, frame=1, height_m=0.2)]
     >>> import pathlib, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_velocity_csv(pathlib.Path(folder, "velocity.csv"), rows)
