@@ -202,6 +202,7 @@ def test_a_worker_that_is_killed_fails_its_own_source_alone(clips, tmp_path, lon
     status = {item.folder.name: item.status for item in items}
     assert status == {"long": "failed", "a": "done", "none": "failed", "b": "done"}
     assert "the worker ended" in next(item.error for item in items if item.folder.name == "long")
+    assert names_in(tmp_path / "out") == {"a", "b"}
 
 
 def test_a_process_that_dies_is_replaced():

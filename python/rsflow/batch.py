@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -252,7 +253,7 @@ def _collected(
             finished, _ = wait(running, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
             for future in finished:
                 index = running.pop(future)
-                ended(index, _item(future, sources[index], folders[index]))
+                ended(index, _item(future, sources[index], folders[index], ours=wish is not None))
     return [items[index] for index in range(len(sources))]
 
 
@@ -260,12 +261,17 @@ def _cancelled(source: str | int, folder: str) -> BatchItem:
     return BatchItem(source, Path(folder), "cancelled", "not begun: the batch was interrupted", {})
 
 
-def _item(future: Future[BatchItem], source: str | int, folder: str) -> BatchItem:
+def _item(future: Future[BatchItem], source: str | int, folder: str, *, ours: bool) -> BatchItem:
+    from .extraction.tables import discard_working
+
     if future.cancelled():
         return _cancelled(source, folder)
     error = future.exception()
     if error is not None:
         # The worker itself died: killed, out of memory, or its result could not be sent.
+        # In a pool of the caller's others may still be closing their files.
+        if ours and isinstance(error, BrokenProcessPool):
+            discard_working(Path(folder))
         reason = f"the worker ended: {type(error).__name__}: {_one_line(error)}"
         return BatchItem(source, Path(folder), "failed", reason, {})
     return future.result()

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
-__all__ = ["CsvTable", "cell", "partial_name", "working_name"]
+__all__ = ["CsvTable", "cell", "discard_working", "partial_name", "working_name"]
 
 
 def partial_name(path: Path) -> Path:
@@ -41,6 +42,14 @@ def cell(value: object) -> str:
     if any(mark in text for mark in ',"\n\r'):
         return '"' + text.replace('"', '""') + '"'
     return text
+
+
+def discard_working(folder: Path) -> None:
+    """Remove what a process that died was writing in `folder`, and the folder if nothing else is in it."""
+    for path in folder.glob(".*.working-*"):
+        path.unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        folder.rmdir()
 
 
 class CsvTable:
