@@ -165,7 +165,8 @@ def test_a_signal_ends_a_batch_soon_and_keeps_what_is_finished(clips, tmp_path, 
         start_new_session=True,
     )
     assert "a: done" in process.stderr.readline()
-    time.sleep(1.0)
+    for name in ("long", "source"):
+        until_measured(out_folder / name)
     send(process.pid, number)
     begin = time.monotonic()
     out, err = process.communicate(timeout=60)
@@ -192,7 +193,7 @@ def test_a_worker_that_is_killed_fails_its_own_source_alone(clips, tmp_path, lon
         items.append(item)
         if item.folder.name == "a":
             # Only the worker of the long source is at work.
-            until_there(tmp_path / "out" / "long")
+            until_measured(tmp_path / "out" / "long")
             for child in Path("/proc/self/task").joinpath(str(os.getpid()), "children").read_text().split():
                 names = {path.name for path in (tmp_path / "out" / "long").glob(f".*working-{child}.*")}
                 if names:
@@ -253,6 +254,14 @@ def until_there(path):
         time.sleep(0.01)
 
 
+def until_measured(folder):
+    """Wait until some frames of the source of `folder` are in its table."""
+    end = time.monotonic() + 60
+    while not any(table.stat().st_size > 2000 for table in folder.glob(".motion.working-*")):
+        assert time.monotonic() < end, f"{folder} has no table"
+        time.sleep(0.01)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="kills as POSIX does")
 def test_workers_end_when_their_parent_is_killed(tmp_path, long):
     process = subprocess.Popen(
@@ -260,8 +269,11 @@ def test_workers_end_when_their_parent_is_killed(tmp_path, long):
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
     )
-    until_there(tmp_path / "out" / "long")
+    folder = tmp_path / "out" / "long"
+    until_measured(folder)
     process.kill()
     # The pipe ends when the last process that writes to it has ended.
     process.communicate(timeout=30)
-    assert all(".partial." in file and not file.startswith(".") for file in names_in(tmp_path / "out" / "long"))
+    kept = names_in(folder)
+    assert "motion.partial.csv" in kept
+    assert all(".partial." in file and not file.startswith(".") for file in kept), kept
