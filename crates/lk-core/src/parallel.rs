@@ -125,9 +125,54 @@ impl<T: Send> SplitRows for RowsMut<'_, T> {
     }
 }
 
+/// One row for each even row of what is divided.
+#[derive(Debug)]
+pub(crate) struct EvenRows<'a, T> {
+    rows: RowsMut<'a, T>,
+    /// The first row of this part.
+    start: usize,
+}
+
+impl<'a, T> EvenRows<'a, T> {
+    /// All rows, from row 0 on.
+    pub(crate) fn new(rows: RowsMut<'a, T>) -> Self {
+        Self { rows, start: 0 }
+    }
+
+    /// What belongs to the even row `row`, counted from the first one of all.
+    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [T] {
+        self.rows.row_mut(row / 2 - self.start.div_ceil(2))
+    }
+}
+
+impl<T: Send> SplitRows for EvenRows<'_, T> {
+    fn split_at_row(self, row: usize) -> (Self, Self) {
+        let middle = self.start + row;
+        let (above, below) = self
+            .rows
+            .split_at_row(middle.div_ceil(2) - self.start.div_ceil(2));
+        (
+            Self {
+                rows: above,
+                start: self.start,
+            },
+            Self {
+                rows: below,
+                start: middle,
+            },
+        )
+    }
+}
+
 impl SplitRows for () {
     fn split_at_row(self, _row: usize) -> (Self, Self) {
         ((), ())
+    }
+}
+
+impl<S: SplitRows> SplitRows for Option<S> {
+    fn split_at_row(self, row: usize) -> (Self, Self) {
+        self.map(|part| part.split_at_row(row)).unzip()
     }
 }
 
@@ -292,6 +337,29 @@ mod tests {
                     assert!(seen.iter().all(|cell| *cell == 1));
                     assert!(index.iter().enumerate().all(|(row, found)| row == *found));
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn even_rows_go_with_their_bands() {
+        for rows in [1usize, 2, 7, 64, 101] {
+            for threads in [1, 2, 7] {
+                let mut even = vec![usize::MAX; rows.div_ceil(2)];
+                let execution = Execution::default().threads(threads);
+                let outputs = Some(EvenRows::new(RowsMut::new(&mut even, 1)));
+                for_each_band(&execution, rows, 1, outputs, |range, part| {
+                    let mut part = part.unwrap();
+                    for row in range.filter(|row| row % 2 == 0) {
+                        part.row_mut(row)[0] = row;
+                    }
+                })
+                .unwrap();
+                assert!(
+                    even.iter()
+                        .enumerate()
+                        .all(|(place, row)| *row == 2 * place)
+                );
             }
         }
     }

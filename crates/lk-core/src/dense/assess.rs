@@ -1,6 +1,4 @@
-//! The last look: how well the flow fits, and whether a pixel counts as measured.
-//!
-//! Windows of 7 x 7 pixels change little from a pixel to the next: one in each 2 x 2 is looked at, and speaks for the four.
+//! The end: the flow and what the last windows said of it, at every pixel.
 
 use crate::error::Result;
 use crate::execution::Execution;
@@ -13,45 +11,30 @@ use crate::simd::{
 
 use super::field::FlowField;
 use super::grid::{self, PAD};
+use super::judge::Judged;
+use super::windows::Views;
 
-use super::moments::{Reader, Sums};
-use super::windows::{Views, Windows};
-
-/// Half the window.
+/// Half the windows within which all pixels must be finite and move alike.
 const RADIUS: usize = 3;
-
-/// The smaller eigenvalue of the structure tensor (mean over the window, squared grey levels) below which motion along
-/// one direction is noise. Noise of one grey level alone gives 1/8: four differences of weight 1/4, in one direction,
-/// twice the variance.
-const TEXTURE: f32 = 0.25;
-
-/// Mean squared differences above this share of the texture are not explained by an error of the flow of a pixel or so.
-const MISFIT: f32 = 1.0;
-
-/// Mean squared differences that noise explains, in squared grey levels.
-const NOISE: f32 = 16.0;
-
-/// A window whose mean squared difference is above this many times its texture holds noise and nothing else: noise alone
-/// gives 16 times.
-const DROWNED: f32 = 8.0;
 
 /// Where the flow differs by this much within the window, in pixels, it holds the edge of something that moves: part of
 /// it may be uncovered, and none of it is told from the other side for sure.
 const EDGE: f32 = 1.0;
 
-/// Fill `field` with the flow of `views` and what its windows say. `given` is 0 at pixels of `prev` that were not to be
-/// measured, `finite` where `next` is not finite; `unit` is what one grey level of the planes is in those of the caller.
+/// Fill `field` with the flow of `views` and with what its windows said. `given` is 0 at pixels of `prev` that were not
+/// to be measured, `finite` where `next` is not finite; `unit` is what one grey level of the planes is in those of the
+/// caller.
 pub(super) fn assess(
     views: Views<'_>,
+    judged: &Judged,
     (given, finite): (Option<&Plane>, Option<&Plane>),
-    centred: bool,
     unit: f32,
     field: &mut FlowField,
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (views.prev.width(), views.prev.height());
     let level = execution.simd_level();
-    let (size, stride) = (Windows::size(width), grid::stride(width));
+    let stride = grid::stride(width);
     let outputs = (
         RowsMut::new(&mut field.uv, 2 * width),
         RowsMut::new(&mut field.valid, width),
@@ -60,34 +43,32 @@ pub(super) fn assess(
     for_each_band(
         execution,
         height,
-        (8_192 / width).max(8),
+        (16_384 / width).max(8),
         outputs,
         |rows, (mut uv, mut valid, mut residual)| {
-            with_scratch(size + 5 * stride, |memory| {
-                let (memory, rest) = memory.split_at_mut(size);
-                let (row_of_flow, rest) = rest.split_at_mut(2 * stride);
+            with_scratch(5 * stride, |memory| {
+                let (row_of_flow, rest) = memory.split_at_mut(2 * stride);
                 let (fit, rest) = rest.split_at_mut(stride);
                 let (misfit, row_of_flags) = rest.split_at_mut(stride);
-                let mut windows = Windows::new(level, views, RADIUS, centred, memory);
-                windows.start(rows.start);
                 for (local, y) in rows.enumerate() {
                     if local == 0 || y % 2 == 0 {
-                        let upper = y - y % 2;
+                        let upper = y / 2;
                         // On grids of half the size, of two rows and columns of theirs: 4 pixels.
                         let (place, reach) = match views.halved {
-                            Some(_) => (upper / 2, RADIUS.div_ceil(2)),
-                            None => (upper, RADIUS),
+                            Some(_) => (upper, RADIUS.div_ceil(2)),
+                            None => (2 * upper, RADIUS),
                         };
                         let near = [
                             place.saturating_sub(reach),
                             place,
                             (place + reach).min(views.u.height() - 1),
                         ];
-                        let kernel = Fit {
-                            sums: windows.upper_row(upper),
+                        let kernel = Spread {
+                            width,
                             flow: [views.u, views.v].map(|grid| near.map(|y| grid.padded(y))),
                             halved: views.halved,
                             unit,
+                            judged: [judged.fit.padded(upper), judged.misfit.padded(upper)],
                             fit: &mut *fit,
                             misfit: &mut *misfit,
                         };
@@ -134,27 +115,29 @@ pub(super) fn assess(
     )
 }
 
-/// Whether the windows of the even pixels of a row say that the flow was measured, and how large their residual is.
-struct Fit<'a> {
-    sums: Sums<'a>,
+/// What the even pixels of a row were found to be, and whether the flow around them is of one piece, for both pixels of
+/// each pair.
+struct Spread<'a> {
+    width: usize,
     /// u and v, some rows above, at the row, and as many below.
     flow: [[&'a [f32]; 3]; 2],
     /// If those are of half the size: what their values are multiplied by.
     halved: Option<f32>,
     unit: f32,
+    judged: [&'a [f32]; 2],
     /// At least 0 where all is well; for an even pixel and the odd one after it.
     fit: &'a mut [f32],
     /// In grey levels of the caller.
     misfit: &'a mut [f32],
 }
 
-impl LaneKernel for Fit<'_> {
+impl LaneKernel for Spread<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let count = self.sums.split.count;
-        let reader = Reader::<S, { 2 * RADIUS + 1 }>::new(s, &self.sums);
+        let count = self.width.div_ceil(2 * LANES);
         let fit = blocks_mut(self.fit, PAD, 2 * count);
         let misfit = blocks_mut(self.misfit, PAD, 2 * count);
+        let judged = self.judged.map(|row| blocks(row, PAD, count));
         let [[ua, u, ub], [va, v, vb]] = self.flow;
         let (reach, groups) = match self.halved {
             Some(_) => (RADIUS.div_ceil(2), count),
@@ -163,16 +146,8 @@ impl LaneKernel for Fit<'_> {
         let near_u = Near::new([ua, u, ub], reach, groups);
         let near_v = Near::new([va, v, vb], reach, groups);
         let scale = s.splat(self.halved.unwrap_or(1.0));
-        let (zero, half, unit) = (s.splat(0.0), s.splat(0.5), s.splat(self.unit));
-        let enough = s.splat(0.5 * ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f32);
-        let (least, noise, share) = (s.splat(TEXTURE), s.splat(NOISE), s.splat(MISFIT));
-        let (drowned, edge) = (s.splat(DROWNED), s.splat(EDGE));
+        let (edge, unit) = (s.splat(EDGE), s.splat(self.unit));
         for i in 0..count {
-            let [[n, xx, xy, yy, _, _, dd], _] = reader.moments(i);
-            let difference = (xx - yy) * half;
-            let root = (difference * difference + xy * xy).sqrt();
-            let texture = ((xx + yy) * half - root).max(zero);
-            let energy = dd.max(zero);
             let range = if self.halved.is_some() {
                 (near_u.range(s, i) + near_v.range(s, i)) * scale
             } else {
@@ -180,13 +155,11 @@ impl LaneKernel for Fit<'_> {
                 let second = near_u.range(s, 2 * i + 1) + near_v.range(s, 2 * i + 1);
                 first.deinterleave(second).0
             };
-            // Each term is negative where something is amiss.
-            let fits = (noise + share * texture).min(drowned * texture) - energy;
-            let good = ((n - enough).min(texture - least)).min(fits.min(edge - range));
+            let good = s.get(&judged[0][i]).min(edge - range);
             let (first, second) = good.interleave(good);
             first.put(&mut fit[2 * i]);
             second.put(&mut fit[2 * i + 1]);
-            let residual = energy.sqrt() * unit;
+            let residual = s.get(&judged[1][i]) * unit;
             let (first, second) = residual.interleave(residual);
             first.put(&mut misfit[2 * i]);
             second.put(&mut misfit[2 * i + 1]);

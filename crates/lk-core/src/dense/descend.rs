@@ -6,8 +6,9 @@ use crate::illumination::Illumination;
 use crate::pyramid::Pyramid;
 
 use super::grid::{self, Grid};
+use super::judge::Judged;
 use super::light::Light;
-use super::options::{DenseHints, DenseOptions};
+use super::options::{DenseHints, DenseOptions, LevelRecipe};
 use super::step::StepOptions;
 use super::windows::Views;
 use super::{median, refine, select, step, upsample};
@@ -27,6 +28,7 @@ pub(super) struct Memory {
     /// The coarse levels of `prev` as they came.
     pub(super) coarse: Vec<Plane>,
     pub(super) energy: Grid,
+    pub(super) judged: Judged,
     /// The flow of the displacements that fit best, and how well they do.
     pub(super) found: [Grid; 2],
     pub(super) found_energy: Grid,
@@ -113,11 +115,13 @@ pub(super) struct Descent<'a> {
     pub(super) weighted: bool,
     /// Whether `memory.found` has the flow of the search.
     pub(super) found: bool,
+    /// Whether `memory.judged` speaks of the flow as it stands.
+    pub(super) judged: bool,
     pub(super) memory: &'a mut Memory,
 }
 
 impl Descent<'_> {
-    /// Measure all levels. Returns the level of the light's estimate, if light is found to have changed.
+    /// Measure all levels, and judge the flow of the finest one. Returns the level of the light's estimate, if light is found to have changed.
     pub(super) fn run(&mut self, hints: DenseHints<'_>) -> Result<Option<usize>> {
         let coarsest = first_level(self.prev, hints);
         let small = |plane: &Plane| plane.width().max(plane.height()) <= LIGHT_SIZE;
@@ -143,7 +147,60 @@ impl Descent<'_> {
                 self.whole(level)?;
             }
         }
+        if !self.judged {
+            self.judge()?;
+        }
         Ok(lit)
+    }
+
+    /// Judge the flow of the finest level by a step that is not taken.
+    fn judge(&mut self) -> Result<()> {
+        let options = self.step_options(0);
+        let Memory {
+            flow: [u, v],
+            halved,
+            spare: [to_u, to_v],
+            energy,
+            judged,
+            weights,
+            ..
+        } = &mut *self.memory;
+        let views = Views {
+            prev: &self.prev.levels()[0],
+            next: &self.next.levels()[0],
+            u,
+            v,
+            halved: *halved,
+            weight: self.weighted.then(|| &weights[0]),
+        };
+        // No longer than nothing: what is judged is the flow as it stands.
+        let options = StepOptions {
+            longest: 0.0,
+            ..options
+        };
+        let execution = &self.options.execution;
+        step::sparse_step(
+            views,
+            &options,
+            (to_u, to_v, energy),
+            Some(judged),
+            execution,
+        )
+    }
+
+    fn level_recipe(&self, level: usize) -> LevelRecipe {
+        let levels = &self.options.recipe.levels;
+        levels[level.min(levels.len() - 1)]
+    }
+
+    fn step_options(&self, level: usize) -> StepOptions {
+        let recipe = &self.options.recipe;
+        StepOptions {
+            radius: self.level_recipe(level).radius,
+            centred: self.options.illumination != Illumination::None,
+            damping: recipe.damping,
+            longest: recipe.longest,
+        }
     }
 
     /// Measure the levels from the coarsest one to `first`, or `first` alone where the search has found its flow. With
@@ -194,23 +251,18 @@ impl Descent<'_> {
         Ok(())
     }
 
-    /// Improve the flow of one level. With `may_end_sparse`, flow and energies may be of half the size afterwards.
-    pub(super) fn level(&mut self, level: usize, may_end_sparse: bool) -> Result<()> {
-        let options: &DenseOptions = self.options;
-        let (execution, recipe) = (&options.execution, &options.recipe);
-        let of_level = recipe.levels[level.min(recipe.levels.len() - 1)];
-        let centred = options.illumination != Illumination::None;
-        let options = StepOptions {
-            radius: of_level.radius,
-            centred,
-            damping: recipe.damping,
-            longest: recipe.longest,
-        };
-        for _ in 0..of_level.cycles {
+    /// Improve the flow of one level. With `ends` it is the last one: flow and energies may be of half the size
+    /// afterwards, and the last step or round judges the flow if it can.
+    pub(super) fn level(&mut self, level: usize, ends: bool) -> Result<()> {
+        let (execution, recipe) = (&self.options.execution, &self.options.recipe);
+        let (of_level, options) = (self.level_recipe(level), self.step_options(level));
+        for cycle in 0..of_level.cycles {
+            let ends = ends && cycle + 1 == of_level.cycles;
             for taken in 0..of_level.steps {
                 execution.check()?;
                 let last = taken + 1 == of_level.steps;
-                let sparse = taken < of_level.sparse && (may_end_sparse || !last);
+                let sparse = taken < of_level.sparse && (ends || !last);
+                let judges = ends && sparse && last && of_level.rounds == 0;
                 if !sparse {
                     self.whole(level)?;
                 }
@@ -219,6 +271,7 @@ impl Descent<'_> {
                     halved,
                     spare: [to_u, to_v],
                     energy,
+                    judged,
                     weights,
                     ..
                 } = &mut *self.memory;
@@ -233,7 +286,8 @@ impl Descent<'_> {
                 let to = (&mut *to_u, &mut *to_v, &mut *energy);
                 // Distances in pixels of the grid that the step is taken on.
                 let (distance, spacing) = if sparse {
-                    step::sparse_step(views, &options, to, execution)?;
+                    step::sparse_step(views, &options, to, judges.then_some(judged), execution)?;
+                    self.judged |= judges;
                     *halved = Some(1.0);
                     (of_level.distance.div_ceil(2), of_level.median.div_ceil(2))
                 } else {
@@ -254,12 +308,14 @@ impl Descent<'_> {
                     std::mem::swap(v, to_v);
                 }
             }
-            for _ in 0..of_level.rounds {
+            for round in 0..of_level.rounds {
                 execution.check()?;
+                let judges = ends && round + 1 == of_level.rounds;
                 self.whole(level)?;
                 let Memory {
                     flow,
                     spare,
+                    judged,
                     weights,
                     ..
                 } = &mut *self.memory;
@@ -273,7 +329,16 @@ impl Descent<'_> {
                     weight: self.weighted.then(|| &weights[level]),
                 };
                 let to = (&mut *to_u, &mut *to_v);
-                refine::round(views, &recipe.refine, centred, to, execution)?;
+                let judged = judges.then_some(judged);
+                refine::round(
+                    views,
+                    &recipe.refine,
+                    options.centred,
+                    to,
+                    judged,
+                    execution,
+                )?;
+                self.judged |= judges;
                 std::mem::swap(flow, spare);
             }
         }

@@ -5,7 +5,8 @@
 //! ([`median`]); then a variational refinement ([`refine`]). The mean of each window is taken out, so that an offset of
 //! the light does no harm; where light has changed by more than that, `prev` is first brought to the light of `next`
 //! ([`light`], [`relight`]). Motion that the coarsest level cannot see is looked for where windows are left without a match
-//! ([`search`]). At the end windows are judged once more ([`assess`]).
+//! ([`search`]). The last step or round
+//! also judges how well its windows fit ([`judge`]), and what is not to be trusted is marked ([`assess`]).
 //!
 //! What steps, rounds of refinement and the judgement share is a stream of rows of window sums ([`windows`]): warped
 //! ([`warp`]), summed down ([`sum_down`]) and across ([`moments`]).
@@ -17,6 +18,7 @@ mod assess;
 mod descend;
 mod field;
 mod grid;
+mod judge;
 mod light;
 mod median;
 mod moments;
@@ -37,7 +39,6 @@ use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, scale_by};
 use crate::grey::Greys;
-use crate::illumination::Illumination;
 use crate::parallel::within_pool;
 use crate::pyramid::Pyramid;
 
@@ -242,6 +243,7 @@ impl DenseFlow {
             ranges: [&prev.greys, &next.greys].map(|greys| greys.range(next.scale)),
             weighted,
             found: false,
+            judged: false,
             memory: &mut *memory,
         };
         let lit = descent.run(hints)?;
@@ -257,6 +259,7 @@ impl DenseFlow {
             halved,
             weights,
             given,
+            judged,
             ..
         } = &*memory;
         let input = Views {
@@ -269,14 +272,7 @@ impl DenseFlow {
         };
         let given = weighted.then_some(given);
         let bad = Some(&next.finite).filter(|plane| plane.width() > 0);
-        assess::assess(
-            input,
-            (given, bad),
-            options.illumination != Illumination::None,
-            unit,
-            field,
-            &options.execution,
-        )
+        assess::assess(input, judged, (given, bad), unit, field, &options.execution)
     }
 }
 

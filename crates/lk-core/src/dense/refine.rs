@@ -11,13 +11,14 @@
 
 use crate::error::Result;
 use crate::execution::Execution;
-use crate::parallel::for_each_band;
+use crate::parallel::{EvenRows, for_each_band};
 use crate::scratch::with_scratch;
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
 use super::relax::Rows;
 
+use super::judge::{Judge, Judged};
 use super::moments::{Reader, Sums};
 use super::windows::{Views, Windows};
 
@@ -44,17 +45,26 @@ pub struct RefineRecipe {
     pub relaxation: f32,
 }
 
-/// Write to `to` the flow of `views` after one round.
+/// Write to `to` the flow of `views` after one round; `judged` becomes what the windows say of it.
 pub(super) fn round(
     views: Views<'_>,
     recipe: &RefineRecipe,
     centred: bool,
     to: (&mut Grid, &mut Grid),
+    judged: Option<&mut Judged>,
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (views.prev.width(), views.prev.height());
     to.0.resize(width, height);
     to.1.resize(width, height);
+    let judged = judged.map(|judged| {
+        judged.resize(width, height);
+        let Judged { fit, misfit } = judged;
+        (
+            EvenRows::new(fit.rows_mut()),
+            EvenRows::new(misfit.rows_mut()),
+        )
+    });
     let halves = 2 * recipe.sweeps;
     // A band begins its sweeps beyond its own rows, which costs most of what as many rows more would: as few bands as
     // there are threads.
@@ -65,8 +75,8 @@ pub(super) fn round(
         execution,
         height,
         min_rows,
-        (to.0.rows_mut(), to.1.rows_mut()),
-        |band, (mut to_u, mut to_v)| {
+        (to.0.rows_mut(), to.1.rows_mut(), judged),
+        |band, (mut to_u, mut to_v, mut judged)| {
             with_scratch(sizes[0] + sizes[1], |memory| {
                 let (memory, system) = memory.split_at_mut(sizes[0]);
                 let mut windows = Windows::new(level, views, recipe.radius, centred, memory);
@@ -80,6 +90,10 @@ pub(super) fn round(
                         let near = [lead.saturating_sub(1), lead, (lead + 1).min(height - 1)];
                         let flow = [views.u, views.v].map(|grid| near.map(|y| grid.padded(y)));
                         let to = rows.next(lead);
+                        let judged = judged
+                            .as_mut()
+                            .filter(|_| lead % 2 == 0 && band.contains(&lead))
+                            .map(|(fit, misfit)| [fit.row_mut(lead), misfit.row_mut(lead)]);
                         match recipe.radius {
                             1 => dispatch_lanes(
                                 level,
@@ -88,6 +102,7 @@ pub(super) fn round(
                                     flow,
                                     recipe,
                                     to,
+                                    judged,
                                 },
                             ),
                             2 => dispatch_lanes(
@@ -97,6 +112,7 @@ pub(super) fn round(
                                     flow,
                                     recipe,
                                     to,
+                                    judged,
                                 },
                             ),
                             _ => dispatch_lanes(
@@ -106,6 +122,7 @@ pub(super) fn round(
                                     flow,
                                     recipe,
                                     to,
+                                    judged,
                                 },
                             ),
                         }
@@ -150,6 +167,7 @@ struct Prepare<'a, const N: usize> {
     flow: [[&'a [f32]; 3]; 2],
     recipe: &'a RefineRecipe,
     to: super::relax::Row<'a>,
+    judged: Option<[&'a mut [f32]; 2]>,
 }
 
 impl<const N: usize> LaneKernel for Prepare<'_, N> {
@@ -175,6 +193,7 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
         let to_smooth = &mut groups(to_smooth, count);
         let (to_xx, to_xy) = (&mut groups(to_xx, count), &mut groups(to_xy, count));
         let to_yy = &mut groups(to_yy, count);
+        let mut judge = self.judged.map(|rows| Judge::new(s, N, count, rows));
         let (to_bu, to_bv) = (&mut groups(to_bu, count), &mut groups(to_bv, count));
         for i in 0..count {
             let mut slopes = [smooth_epsilon; 2];
@@ -195,6 +214,9 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
                 .deinterleave(s.get(&here[1][2 * i + 1]));
             let (slopes, u, v) = ([slopes.0, slopes.1], [u.0, u.1], [v.0, v.1]);
             let moments = reader.moments(i);
+            if let Some(judge) = &mut judge {
+                judge.put(i, moments[0], [zero; 2]);
+            }
             for k in 0..2 {
                 let [_, xx, xy, yy, xd, yd, dd] = moments[k];
                 let (u, v) = (u[k], v[k]);

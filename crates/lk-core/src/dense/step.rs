@@ -9,6 +9,7 @@ use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_
 
 use super::grid::{self, Grid, PAD};
 
+use super::judge::{Judge, Judged};
 use super::moments::{Moments, Reader, Sums};
 use super::windows::{Views, Windows};
 
@@ -65,11 +66,13 @@ pub(super) fn step(
     )
 }
 
-/// The same at one pixel in each 2 x 2, (2x, 2y), into grids of half the size.
+/// The same at one pixel in each 2 x 2, (2x, 2y), into grids of half the size; `judged` becomes what the windows say of the
+/// flow afterwards.
 pub(super) fn sparse_step(
     views: Views<'_>,
     options: &StepOptions,
     (u, v, energy): (&mut Grid, &mut Grid, &mut Grid),
+    judged: Option<&mut Judged>,
     execution: &Execution,
 ) -> Result<()> {
     let (full_width, full_height) = (views.prev.width(), views.prev.height());
@@ -77,13 +80,17 @@ pub(super) fn sparse_step(
     for plane in [&mut *u, &mut *v, &mut *energy] {
         plane.resize(width, height);
     }
+    let judged = judged.map(|judged| {
+        judged.resize(full_width, full_height);
+        (judged.fit.rows_mut(), judged.misfit.rows_mut())
+    });
     let level = execution.simd_level();
     for_each_band(
         execution,
         height,
         (2_048 / width).max(4),
-        (u.rows_mut(), v.rows_mut(), energy.rows_mut()),
-        |rows, (mut u, mut v, mut energy)| {
+        (u.rows_mut(), v.rows_mut(), energy.rows_mut(), judged),
+        |rows, (mut u, mut v, mut energy, mut judged)| {
             with_scratch(Windows::size(full_width), |memory| {
                 let mut windows =
                     Windows::new(level, views, options.radius, options.centred, memory);
@@ -94,12 +101,16 @@ pub(super) fn sparse_step(
                     let place = if views.halved.is_some() { y } else { 2 * y };
                     let from = [views.u.padded(place), views.v.padded(place)];
                     let halved = views.halved;
+                    let judged = judged
+                        .as_mut()
+                        .map(|(fit, misfit)| [fit.row_mut(local), misfit.row_mut(local)]);
                     match options.radius {
                         1 => dispatch_lanes(
                             level,
                             Sparse {
                                 solve: Solve::<3>::new(sums, options, from, &mut to),
                                 halved,
+                                judged,
                             },
                         ),
                         2 => dispatch_lanes(
@@ -107,6 +118,7 @@ pub(super) fn sparse_step(
                             Sparse {
                                 solve: Solve::<5>::new(sums, options, from, &mut to),
                                 halved,
+                                judged,
                             },
                         ),
                         _ => dispatch_lanes(
@@ -114,6 +126,7 @@ pub(super) fn sparse_step(
                             Sparse {
                                 solve: Solve::<7>::new(sums, options, from, &mut to),
                                 halved,
+                                judged,
                             },
                         ),
                     }
@@ -193,6 +206,7 @@ struct Sparse<'a, const N: usize> {
     solve: Solve<'a, N>,
     /// If the flow before the step is of half the size: what its values are multiplied by.
     halved: Option<f32>,
+    judged: Option<[&'a mut [f32]; 2]>,
 }
 
 impl<const N: usize> LaneKernel for Sparse<'_, N> {
@@ -211,9 +225,13 @@ impl<const N: usize> LaneKernel for Sparse<'_, N> {
         let to_v = blocks_mut(to_v, PAD, count);
         let to_energy = blocks_mut(to_energy, PAD, count);
         let scale = s.splat(self.halved.unwrap_or(1.0));
+        let mut judge = self.judged.map(|rows| Judge::new(s, N, count, rows));
         for i in 0..count {
             let [even, _] = reader.moments(i);
             let [u, v, energy] = limits.solve(even);
+            if let Some(judge) = &mut judge {
+                judge.put(i, even, [u, v]);
+            }
             let (before_u, before_v) = if self.halved.is_some() {
                 let at = PAD + i * LANES;
                 (s.load(from_u, at) * scale, s.load(from_v, at) * scale)

@@ -14,6 +14,7 @@ use super::grid::Grid;
 use super::step::StepOptions;
 use super::windows::Views;
 use super::*;
+use crate::illumination::Illumination;
 use crate::simd::Level;
 
 /// A smooth scene with texture at several scales, seen after a motion of (u, v).

@@ -3,6 +3,7 @@
 use proptest::prelude::*;
 
 use super::super::grid::Grid;
+use super::super::judge::{self, Judged};
 use super::super::options::RefineRecipe;
 use super::super::step::StepOptions;
 use super::super::windows::Views;
@@ -109,8 +110,68 @@ fn gentle(width: usize, height: usize, seed: u32, slope: f32, rough: f32) -> Gri
     grid
 }
 
+/// Texture less what is asked for and the root mean square difference of one window after a step, in f64; what it lacks
+/// is negative.
+fn reference_judgement(
+    views: Views<'_>,
+    radius: usize,
+    place: (usize, usize),
+    [du, dv]: [f64; 2],
+) -> [f64; 2] {
+    let [n, xx, xy, yy, xd, yd, dd] = reference_moments(views, radius, true, place);
+    let texture = 0.5 * (xx + yy) - (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
+    let after =
+        dd + 2.0 * (du * xd + dv * yd) + du * (xx * du + xy * dv) + dv * (xy * du + yy * dv);
+    let size = 2 * radius + 1;
+    let explained = (16.0 + texture).min(6.0 * texture) - after;
+    let enough = n - 0.5 * (size * size) as f64;
+    let least = f64::from(judge::least_texture(size));
+    [
+        (texture - least).min(explained).min(enough),
+        after.max(0.0).sqrt(),
+    ]
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn the_last_step_or_round_judges_its_windows(
+        width in 2usize..70, height in 2usize..40, seed in any::<u32>(), radius in 1usize..4, threads in 1usize..4,
+        contrast in 1usize..4
+    ) {
+        let (prev, next) = (noise(width, height, seed, 1.0), noise(width, height, seed ^ 0x5555, 1.0));
+        let contrast = [2.0, 10.0, 40.0][contrast - 1];
+        let (prev, next) = (plane(&prev, contrast), plane(&next, contrast));
+        let (u, v) = (noise(width, height, seed ^ 1, 1.5), noise(width, height, seed ^ 2, 1.5));
+        let views = Views { prev: &prev, next: &next, u: &u, v: &v, halved: None, weight: None };
+        let options = StepOptions { radius, centred: true, damping: 1.0, longest: 1.0 };
+        let recipe = RefineRecipe { radius, ..RefineRecipe::default() };
+        for level in Level::available() {
+            let execution = Execution::default().threads(threads).level(level);
+            let [mut to_u, mut to_v, mut energy] = <[Grid; 3]>::default();
+            let [mut of_step, mut of_round] = <[Judged; 2]>::default();
+            let to = (&mut to_u, &mut to_v, &mut energy);
+            step::sparse_step(views, &options, to, Some(&mut of_step), &execution).unwrap();
+            let steps = |y: usize, x: usize| {
+                [(&to_u, &u), (&to_v, &v)].map(|(to, from)| f64::from(to.row(y)[x]) - f64::from(from.row(2 * y)[2 * x]))
+            };
+            let (mut round_u, mut round_v) = (Grid::default(), Grid::default());
+            let to = (&mut round_u, &mut round_v);
+            refine::round(views, &recipe, true, to, Some(&mut of_round), &execution).unwrap();
+            for y in 0..height.div_ceil(2) {
+                for x in 0..width.div_ceil(2) {
+                    for (judged, step) in [(&of_step, steps(y, x)), (&of_round, [0.0; 2])] {
+                        let want = reference_judgement(views, radius, (2 * y, 2 * x), step);
+                        for (grid, want) in [&judged.fit, &judged.misfit].into_iter().zip(want) {
+                            let got = f64::from(grid.row(y)[x]);
+                            prop_assert!((got - want).abs() < 2e-3 * (1.0 + want.abs()), "{x} {y}: {got} {want}");
+                        }
+                    }
+                }
+            }
+        }
+    }
 
     #[test]
     fn a_round_relaxes_what_its_definition_says(
@@ -126,7 +187,7 @@ proptest! {
         for level in Level::available() {
             let (mut to_u, mut to_v) = (Grid::default(), Grid::default());
             let execution = Execution::default().threads(threads).level(level);
-            refine::round(views, &recipe, centred, (&mut to_u, &mut to_v), &execution).unwrap();
+            refine::round(views, &recipe, centred, (&mut to_u, &mut to_v), None, &execution).unwrap();
             for y in 0..height {
                 for x in 0..width {
                     let want = want[y * width + x];
@@ -162,7 +223,7 @@ proptest! {
             let execution = Execution::default().threads(2).level(level);
             let [mut a, mut b, mut c, mut d, mut e, mut f] = <[Grid; 6]>::default();
             step::step(whole, &options, (&mut a, &mut b, &mut c), &execution).unwrap();
-            step::sparse_step(sparse, &options, (&mut d, &mut e, &mut f), &execution).unwrap();
+            step::sparse_step(sparse, &options, (&mut d, &mut e, &mut f), None, &execution).unwrap();
             prop_assert_eq!((d.width(), d.height()), (width.div_ceil(2), height.div_ceil(2)));
             for y in 0..d.height() {
                 for x in 0..d.width() {
