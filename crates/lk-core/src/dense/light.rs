@@ -152,6 +152,7 @@ impl Light {
             dispatch_lanes(
                 level,
                 WarpRow {
+                    from: 0,
                     prev: input.prev.row(y),
                     next: input.next,
                     y,

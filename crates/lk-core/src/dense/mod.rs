@@ -15,6 +15,7 @@
 //! the range of `prev` asks for ([`Greys::scale`]), and what is reported in grey levels is divided by it.
 
 mod assess;
+mod columns;
 mod descend;
 mod field;
 mod grid;

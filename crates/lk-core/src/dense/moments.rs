@@ -3,12 +3,16 @@
 
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut};
 
+use super::columns::Columns;
 use super::grid::PAD;
 use super::sum_down::{SUMS, Split};
 
 /// A row of sums, with those down the columns.
 pub(super) struct Sums<'a> {
     pub(super) split: Split,
+    /// Elements of each half row before the first that is wanted, and groups of lanes from there on.
+    pub(super) skipped: usize,
+    pub(super) count: usize,
     pub(super) centre: f32,
     /// Split rows.
     pub(super) number: &'a [f32],
@@ -16,18 +20,27 @@ pub(super) struct Sums<'a> {
     pub(super) sums: &'a [f32],
 }
 
+impl Sums<'_> {
+    /// Those of the columns that are wanted alone.
+    pub(super) fn of(self, columns: Columns) -> Self {
+        Self {
+            skipped: columns.skipped(),
+            count: columns.groups(),
+            ..self
+        }
+    }
+}
+
 /// What one quantity's sums across are made of: groups of lanes that begin a little to the left or right.
 type Parts<'a> = [&'a [[f32; LANES]]; 5];
 
 /// The parts of the `q`-th quantity.
 #[inline(always)]
-fn parts<const N: usize>(sums: &[f32], Split { half, count }: Split, q: usize) -> Parts<'_> {
+fn parts<'a, const N: usize>(sums: &Sums<'a>, q: usize) -> Parts<'a> {
+    let (half, first) = (sums.split.half, PAD + sums.skipped);
     let at = |part: usize, offset: isize| {
-        blocks(
-            sums,
-            ((3 * q + part) * half + PAD).wrapping_add_signed(offset),
-            count,
-        )
+        let at = ((3 * q + part) * half + first).wrapping_add_signed(offset);
+        blocks(sums.sums, at, sums.count)
     };
     let (even, odd, pair) = (0, 1, 2);
     match N {
@@ -69,16 +82,16 @@ fn across<S: Simd, const N: usize>(s: S, parts: &Parts<'_>, i: usize) -> [S::F; 
 
 /// The number of pixels that count in each window.
 pub(super) struct Count<'a, const N: usize> {
-    pub(super) split: Split,
-    pub(super) sums: &'a [f32],
+    /// All of its columns.
+    pub(super) sums: Sums<'a>,
     pub(super) number: [&'a mut [f32]; 2],
 }
 
 impl<const N: usize> LaneKernel for Count<'_, N> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let count = self.split.count;
-        let parts = parts::<N>(self.sums, self.split, SUMS - 1);
+        let count = self.sums.count;
+        let parts = parts::<N>(&self.sums, SUMS - 1);
         let [even, odd] = self.number.map(|row| blocks_mut(row, PAD, count));
         for i in 0..count {
             let [e, o] = across::<S, N>(s, &parts, i);
@@ -104,26 +117,26 @@ pub(super) struct Reader<'a, S: Simd, const N: usize> {
 impl<'a, S: Simd, const N: usize> Reader<'a, S, N> {
     #[inline(always)]
     pub(super) fn new(s: S, row: &Sums<'a>) -> Self {
-        let split = row.split;
-        let halves = |row: &'a [f32]| {
+        let first = PAD + row.skipped;
+        let halves = |half: &'a [f32]| {
             [
-                blocks(row, PAD, split.count),
-                blocks(row, split.half + PAD, split.count),
+                blocks(half, first, row.count),
+                blocks(half, row.split.half + first, row.count),
             ]
         };
         Self {
             s,
             centre: s.splat(row.centre),
             parts: [
-                parts::<N>(row.sums, split, 0),
-                parts::<N>(row.sums, split, 1),
-                parts::<N>(row.sums, split, 2),
-                parts::<N>(row.sums, split, 3),
-                parts::<N>(row.sums, split, 4),
-                parts::<N>(row.sums, split, 5),
-                parts::<N>(row.sums, split, 6),
-                parts::<N>(row.sums, split, 7),
-                parts::<N>(row.sums, split, 8),
+                parts::<N>(row, 0),
+                parts::<N>(row, 1),
+                parts::<N>(row, 2),
+                parts::<N>(row, 3),
+                parts::<N>(row, 4),
+                parts::<N>(row, 5),
+                parts::<N>(row, 6),
+                parts::<N>(row, 7),
+                parts::<N>(row, 8),
             ],
             number: halves(row.number),
             inverse: halves(row.inverse),

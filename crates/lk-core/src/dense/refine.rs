@@ -15,6 +15,7 @@ use crate::parallel::{EvenRows, for_each_band};
 use crate::scratch::with_scratch;
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
+use super::columns::Columns;
 use super::grid::{self, Grid, PAD};
 use super::relax::Rows;
 
@@ -70,92 +71,111 @@ pub(super) fn round(
     // there are threads.
     let min_rows = height.div_ceil(execution.num_threads()).max(4 * halves);
     let level = execution.simd_level();
-    let sizes = [Windows::size(width), Rows::size(width, halves)];
+    let floats = Windows::FLOATS + Rows::floats(halves);
+    let strips = Columns::strips(width, floats, halves + recipe.radius + 1);
+    let size = Windows::most(strips.clone());
+    let widest = strips.clone().map(|columns| columns.computed()).max();
+    let size_of_rows = Rows::size(widest.unwrap_or(0), halves);
     for_each_band(
         execution,
         height,
         min_rows,
         (to.0.rows_mut(), to.1.rows_mut(), judged),
         |band, (mut to_u, mut to_v, mut judged)| {
-            with_scratch(sizes[0] + sizes[1], |memory| {
-                let (memory, system) = memory.split_at_mut(sizes[0]);
-                let mut windows = Windows::new(level, views, recipe.radius, centred, memory);
-                let mut rows = Rows::new(level, width, height, halves, recipe.relaxation, system);
-                let first = band.start.saturating_sub(halves);
-                let last = (band.end + halves).min(height);
-                windows.start(first);
-                for lead in first..last + halves + 1 {
-                    if lead < last {
-                        let sums = windows.row(lead);
-                        let near = [lead.saturating_sub(1), lead, (lead + 1).min(height - 1)];
-                        let flow = [views.u, views.v].map(|grid| near.map(|y| grid.padded(y)));
-                        let to = rows.next(lead);
-                        let judged = judged
-                            .as_mut()
-                            .filter(|_| lead % 2 == 0 && band.contains(&lead))
-                            .map(|(fit, misfit)| [fit.row_mut(lead), misfit.row_mut(lead)]);
-                        match recipe.radius {
-                            1 => dispatch_lanes(
-                                level,
-                                Prepare::<3> {
-                                    sums,
-                                    flow,
-                                    recipe,
-                                    to,
-                                    judged,
-                                },
-                            ),
-                            2 => dispatch_lanes(
-                                level,
-                                Prepare::<5> {
-                                    sums,
-                                    flow,
-                                    recipe,
-                                    to,
-                                    judged,
-                                },
-                            ),
-                            _ => dispatch_lanes(
-                                level,
-                                Prepare::<7> {
-                                    sums,
-                                    flow,
-                                    recipe,
-                                    to,
-                                    judged,
-                                },
-                            ),
+            with_scratch(size + size_of_rows, |memory| {
+                let (memory, system) = memory.split_at_mut(size);
+                for columns in strips.clone() {
+                    let (memory, system) = (&mut *memory, &mut *system);
+                    let mut windows =
+                        Windows::new(level, views, columns, recipe.radius, centred, memory);
+                    let size = (columns.computed(), height);
+                    let mut rows = Rows::new(level, size, halves, recipe.relaxation, system);
+                    let first = band.start.saturating_sub(halves);
+                    let last = (band.end + halves).min(height);
+                    windows.start(first);
+                    for lead in first..last + halves + 1 {
+                        if lead < last {
+                            let sums = windows.row(lead);
+                            let near = [lead.saturating_sub(1), lead, (lead + 1).min(height - 1)];
+                            let flow = [views.u, views.v]
+                                .map(|grid| near.map(|y| &grid.padded(y)[columns.from..]));
+                            let to = rows.next(lead);
+                            let judged = judged
+                                .as_mut()
+                                .filter(|_| lead % 2 == 0 && band.contains(&lead))
+                                .map(|(fit, misfit)| {
+                                    [fit, misfit]
+                                        .map(|grid| &mut grid.row_mut(lead)[columns.start / 2..])
+                                });
+                            match recipe.radius {
+                                1 => dispatch_lanes(
+                                    level,
+                                    Prepare::<3> {
+                                        sums,
+                                        flow,
+                                        recipe,
+                                        to,
+                                        columns,
+                                        judged,
+                                    },
+                                ),
+                                2 => dispatch_lanes(
+                                    level,
+                                    Prepare::<5> {
+                                        sums,
+                                        flow,
+                                        recipe,
+                                        to,
+                                        columns,
+                                        judged,
+                                    },
+                                ),
+                                _ => dispatch_lanes(
+                                    level,
+                                    Prepare::<7> {
+                                        sums,
+                                        flow,
+                                        recipe,
+                                        to,
+                                        columns,
+                                        judged,
+                                    },
+                                ),
+                            }
+                            rows.border(lead);
                         }
-                        rows.border(lead);
-                    }
-                    // How far beyond the band a row must be up to date: less from half-sweep to half-sweep.
-                    let within = |y: usize, margin: usize| {
-                        y + margin >= band.start && y < (band.end + margin).min(height)
-                    };
-                    let Some(y) = lead.checked_sub(1) else {
-                        continue;
-                    };
-                    if within(y, halves.saturating_sub(1)) {
-                        rows.close(y);
-                    }
-                    for half in 0..halves.min(y + 1) {
-                        if within(y - half, halves - 1 - half) {
-                            rows.half_sweep(half, y - half);
+                        // How far beyond the band a row must be up to date: less from half-sweep to half-sweep.
+                        let within = |y: usize, margin: usize| {
+                            y + margin >= band.start && y < (band.end + margin).min(height)
+                        };
+                        let Some(y) = lead.checked_sub(1) else {
+                            continue;
+                        };
+                        if within(y, halves.saturating_sub(1)) {
+                            rows.close(y);
                         }
-                    }
-                    if let Some(done) = lead.checked_sub(halves.max(1))
-                        && band.contains(&done)
-                    {
-                        let (u, v) = (
-                            to_u.row_mut(done - band.start),
-                            to_v.row_mut(done - band.start),
-                        );
-                        rows.write(done, [&mut *u, &mut *v]);
-                        grid::extend(u, width);
-                        grid::extend(v, width);
+                        for half in 0..halves.min(y + 1) {
+                            if within(y - half, halves - 1 - half) {
+                                rows.half_sweep(half, y - half);
+                            }
+                        }
+                        if let Some(done) = lead.checked_sub(halves.max(1))
+                            && band.contains(&done)
+                        {
+                            let (u, v) = (
+                                to_u.row_mut(done - band.start),
+                                to_v.row_mut(done - band.start),
+                            );
+                            rows.write(done, columns, [u, v].map(|row| &mut row[columns.start..]));
+                        }
                     }
                 }
             });
+            for local in 0..band.len() {
+                for grid in [&mut to_u, &mut to_v] {
+                    grid::extend(grid.row_mut(local), width);
+                }
+            }
         },
     )
 }
@@ -167,6 +187,7 @@ struct Prepare<'a, const N: usize> {
     flow: [[&'a [f32]; 3]; 2],
     recipe: &'a RefineRecipe,
     to: super::relax::Row<'a>,
+    columns: Columns,
     judged: Option<[&'a mut [f32]; 2]>,
 }
 
@@ -193,7 +214,8 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
         let to_smooth = &mut groups(to_smooth, count);
         let (to_xx, to_xy) = (&mut groups(to_xx, count), &mut groups(to_xy, count));
         let to_yy = &mut groups(to_yy, count);
-        let mut judge = self.judged.map(|rows| Judge::new(s, N, count, rows));
+        let (first, wanted) = (self.columns.skipped() / LANES, self.columns.groups());
+        let mut judge = self.judged.map(|rows| Judge::new(s, N, wanted, rows));
         let (to_bu, to_bv) = (&mut groups(to_bu, count), &mut groups(to_bv, count));
         for i in 0..count {
             let mut slopes = [smooth_epsilon; 2];
@@ -214,8 +236,10 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
                 .deinterleave(s.get(&here[1][2 * i + 1]));
             let (slopes, u, v) = ([slopes.0, slopes.1], [u.0, u.1], [v.0, v.1]);
             let moments = reader.moments(i);
-            if let Some(judge) = &mut judge {
-                judge.put(i, moments[0], [zero; 2]);
+            if let Some(judge) = &mut judge
+                && (first..first + wanted).contains(&i)
+            {
+                judge.put(i - first, moments[0], [zero; 2]);
             }
             for k in 0..2 {
                 let [_, xx, xy, yy, xd, yd, dd] = moments[k];

@@ -7,6 +7,7 @@
 
 use crate::simd::{Floats, LaneKernel, Level, Simd, blocks, blocks_mut, dispatch_lanes};
 
+use super::columns::Columns;
 use super::grid::PAD;
 use super::sum_down::Split;
 
@@ -37,15 +38,19 @@ impl<'a> Rows<'a> {
         halves + 3
     }
 
-    /// Elements of memory for pictures of this width.
+    /// Elements that are under way for each column.
+    pub(super) fn floats(halves: usize) -> usize {
+        Self::slots(halves) * (2 + SYSTEM)
+    }
+
+    /// Elements of memory for as many columns.
     pub(super) fn size(width: usize, halves: usize) -> usize {
         Self::slots(halves) * (2 + SYSTEM) * 2 * Split::of(width).half
     }
 
     pub(super) fn new(
         level: Level,
-        width: usize,
-        height: usize,
+        (width, height): (usize, usize),
         halves: usize,
         relaxation: f32,
         memory: &'a mut [f32],
@@ -135,13 +140,18 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Write the flow of row `y` into padded rows.
-    pub(super) fn write(&self, y: usize, to: [&mut [f32]; 2]) {
+    /// Write the columns of row `y` that are wanted into padded rows.
+    pub(super) fn write(&self, y: usize, columns: Columns, to: [&mut [f32]; 2]) {
         let row = 2 * self.split.half;
         let flow = &self.flow[(y % self.slots) * 2 * row..][..2 * row];
         for (to, from) in to.into_iter().zip(flow.chunks_exact(row)) {
-            let split = self.split;
-            dispatch_lanes(self.level, Join { split, from, to });
+            let kernel = Join {
+                half: self.split.half,
+                columns,
+                from,
+                to,
+            };
+            dispatch_lanes(self.level, kernel);
         }
     }
 }
@@ -329,7 +339,8 @@ fn one_half(row: &mut [f32], half: usize, odd: usize) -> (&mut [f32], &[f32]) {
 
 /// Even and odd pixels in turn.
 struct Join<'a> {
-    split: Split,
+    half: usize,
+    columns: Columns,
     from: &'a [f32],
     to: &'a mut [f32],
 }
@@ -337,10 +348,10 @@ struct Join<'a> {
 impl LaneKernel for Join<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Split { half, count } = self.split;
+        let (first, count) = (PAD + self.columns.skipped(), self.columns.groups());
         let (even, odd) = (
-            blocks(self.from, PAD, count),
-            blocks(self.from, half + PAD, count),
+            blocks(self.from, first, count),
+            blocks(self.from, self.half + first, count),
         );
         let to = blocks_mut(self.to, PAD, 2 * count);
         for i in 0..count {

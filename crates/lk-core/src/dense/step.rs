@@ -7,6 +7,7 @@ use crate::parallel::for_each_band;
 use crate::scratch::with_scratch;
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
+use super::columns::Columns;
 use super::grid::{self, Grid, PAD};
 
 use super::judge::{Judge, Judged};
@@ -38,30 +39,49 @@ pub(super) fn step(
         plane.resize(width, height);
     }
     let level = execution.simd_level();
+    let strips = Columns::strips(width, Windows::FLOATS, options.radius + 1);
+    let size = Windows::most(strips.clone());
     for_each_band(
         execution,
         height,
         (4_096 / width).max(8),
         (u.rows_mut(), v.rows_mut(), energy.rows_mut()),
         |rows, (mut u, mut v, mut energy)| {
-            with_scratch(Windows::size(width), |memory| {
-                let mut windows =
-                    Windows::new(level, views, options.radius, options.centred, memory);
-                windows.start(rows.start);
-                for (local, y) in rows.enumerate() {
-                    let sums = windows.row(y);
-                    let mut to = [u.row_mut(local), v.row_mut(local), energy.row_mut(local)];
-                    let from = [views.u.padded(y), views.v.padded(y)];
-                    match options.radius {
-                        1 => dispatch_lanes(level, Solve::<3>::new(sums, options, from, &mut to)),
-                        2 => dispatch_lanes(level, Solve::<5>::new(sums, options, from, &mut to)),
-                        _ => dispatch_lanes(level, Solve::<7>::new(sums, options, from, &mut to)),
-                    }
-                    for row in to {
-                        grid::extend(row, width);
+            with_scratch(size, |memory| {
+                for columns in strips.clone() {
+                    let mut windows = Windows::new(
+                        level,
+                        views,
+                        columns,
+                        options.radius,
+                        options.centred,
+                        &mut *memory,
+                    );
+                    windows.start(rows.start);
+                    for (local, y) in rows.clone().enumerate() {
+                        let sums = windows.row(y).of(columns);
+                        let mut to = [u.row_mut(local), v.row_mut(local), energy.row_mut(local)]
+                            .map(|row| &mut row[columns.start..]);
+                        let from = [views.u, views.v].map(|grid| &grid.padded(y)[columns.start..]);
+                        match options.radius {
+                            1 => {
+                                dispatch_lanes(level, Solve::<3>::new(sums, options, from, &mut to))
+                            }
+                            2 => {
+                                dispatch_lanes(level, Solve::<5>::new(sums, options, from, &mut to))
+                            }
+                            _ => {
+                                dispatch_lanes(level, Solve::<7>::new(sums, options, from, &mut to))
+                            }
+                        }
                     }
                 }
             });
+            for local in 0..rows.len() {
+                for grid in [&mut u, &mut v, &mut energy] {
+                    grid::extend(grid.row_mut(local), width);
+                }
+            }
         },
     )
 }
@@ -85,56 +105,74 @@ pub(super) fn sparse_step(
         (judged.fit.rows_mut(), judged.misfit.rows_mut())
     });
     let level = execution.simd_level();
+    let strips = Columns::strips(full_width, Windows::FLOATS, options.radius + 1);
+    let size = Windows::most(strips.clone());
     for_each_band(
         execution,
         height,
         (2_048 / width).max(4),
         (u.rows_mut(), v.rows_mut(), energy.rows_mut(), judged),
         |rows, (mut u, mut v, mut energy, mut judged)| {
-            with_scratch(Windows::size(full_width), |memory| {
-                let mut windows =
-                    Windows::new(level, views, options.radius, options.centred, memory);
-                windows.start(2 * rows.start);
-                for (local, y) in rows.enumerate() {
-                    let sums = windows.upper_row(2 * y);
-                    let mut to = [u.row_mut(local), v.row_mut(local), energy.row_mut(local)];
-                    let place = if views.halved.is_some() { y } else { 2 * y };
-                    let from = [views.u.padded(place), views.v.padded(place)];
-                    let halved = views.halved;
-                    let judged = judged
-                        .as_mut()
-                        .map(|(fit, misfit)| [fit.row_mut(local), misfit.row_mut(local)]);
-                    match options.radius {
-                        1 => dispatch_lanes(
-                            level,
-                            Sparse {
-                                solve: Solve::<3>::new(sums, options, from, &mut to),
-                                halved,
-                                judged,
-                            },
-                        ),
-                        2 => dispatch_lanes(
-                            level,
-                            Sparse {
-                                solve: Solve::<5>::new(sums, options, from, &mut to),
-                                halved,
-                                judged,
-                            },
-                        ),
-                        _ => dispatch_lanes(
-                            level,
-                            Sparse {
-                                solve: Solve::<7>::new(sums, options, from, &mut to),
-                                halved,
-                                judged,
-                            },
-                        ),
-                    }
-                    for row in to {
-                        grid::extend(row, width);
+            with_scratch(size, |memory| {
+                for columns in strips.clone() {
+                    let mut windows = Windows::new(
+                        level,
+                        views,
+                        columns,
+                        options.radius,
+                        options.centred,
+                        &mut *memory,
+                    );
+                    windows.start(2 * rows.start);
+                    let half = columns.start / 2;
+                    for (local, y) in rows.clone().enumerate() {
+                        let sums = windows.upper_row(2 * y).of(columns);
+                        let mut to = [u.row_mut(local), v.row_mut(local), energy.row_mut(local)]
+                            .map(|row| &mut row[half..]);
+                        let halved = views.halved;
+                        let (row, first) = if halved.is_some() {
+                            (y, half)
+                        } else {
+                            (2 * y, columns.start)
+                        };
+                        let from = [views.u, views.v].map(|grid| &grid.padded(row)[first..]);
+                        let judged = judged.as_mut().map(|(fit, misfit)| {
+                            [fit, misfit].map(|grid| &mut grid.row_mut(local)[half..])
+                        });
+                        match options.radius {
+                            1 => dispatch_lanes(
+                                level,
+                                Sparse {
+                                    solve: Solve::<3>::new(sums, options, from, &mut to),
+                                    halved,
+                                    judged,
+                                },
+                            ),
+                            2 => dispatch_lanes(
+                                level,
+                                Sparse {
+                                    solve: Solve::<5>::new(sums, options, from, &mut to),
+                                    halved,
+                                    judged,
+                                },
+                            ),
+                            _ => dispatch_lanes(
+                                level,
+                                Sparse {
+                                    solve: Solve::<7>::new(sums, options, from, &mut to),
+                                    halved,
+                                    judged,
+                                },
+                            ),
+                        }
                     }
                 }
             });
+            for local in 0..rows.len() {
+                for grid in [&mut u, &mut v, &mut energy] {
+                    grid::extend(grid.row_mut(local), width);
+                }
+            }
         },
     )
 }
@@ -218,7 +256,7 @@ impl<const N: usize> LaneKernel for Sparse<'_, N> {
             from: [from_u, from_v],
             to: [to_u, to_v, to_energy],
         } = self.solve;
-        let count = sums.split.count;
+        let count = sums.count;
         let reader = Reader::<S, N>::new(s, &sums);
         let limits = Limits::new(s, &options);
         let to_u = blocks_mut(to_u, PAD, count);
@@ -251,7 +289,7 @@ impl<const N: usize> LaneKernel for Sparse<'_, N> {
 impl<const N: usize> LaneKernel for Solve<'_, N> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let count = self.sums.split.count;
+        let count = self.sums.count;
         let reader = Reader::<S, N>::new(s, &self.sums);
         let [from_u, from_v] = self.from;
         let (from_u, from_v) = (

@@ -3,6 +3,7 @@
 mod greys;
 mod refinement;
 mod scenes;
+mod strips;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;

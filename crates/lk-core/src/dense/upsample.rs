@@ -1,5 +1,7 @@
 //! From the flow of a coarse level to that of the next finer one.
 
+use std::ops::Range;
+
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::for_each_band;
@@ -23,18 +25,18 @@ pub(super) fn upsample(
         fine.rows_mut(),
         |rows, mut part| {
             for (local, y) in rows.enumerate() {
-                row(coarse, y, width, scale, part.row_mut(local));
+                row(coarse, y, 0..width, scale, part.row_mut(local));
             }
         },
     )
 }
 
-/// Row `y` of [`upsample`], padded.
-pub(super) fn row(coarse: &Grid, y: usize, width: usize, scale: f32, to: &mut [f32]) {
+/// Columns of row `y` of [`upsample`], from an even one on, padded.
+pub(super) fn row(coarse: &Grid, y: usize, columns: Range<usize>, scale: f32, to: &mut [f32]) {
     let a = coarse.padded(y / 2);
     let b = coarse.padded((y / 2 + y % 2).min(coarse.height() - 1));
-    let half = width.div_ceil(2);
-    let (a, b) = (&a[PAD..PAD + half + 1], &b[PAD..PAD + half + 1]);
+    let (half, first) = (columns.len().div_ceil(2), PAD + columns.start / 2);
+    let (a, b) = (&a[first..=first + half], &b[first..=first + half]);
     let (pairs, _) = to[PAD..].as_chunks_mut::<2>();
     let pairs = &mut pairs[..half];
     let (one, two) = (0.5 * scale, 0.25 * scale);
@@ -42,5 +44,5 @@ pub(super) fn row(coarse: &Grid, y: usize, width: usize, scale: f32, to: &mut [f
         let (here, there) = (a[x] + b[x], a[x + 1] + b[x + 1]);
         pairs[x] = [one * here, two * (here + there)];
     }
-    grid::extend(to, width);
+    grid::extend(to, columns.len());
 }

@@ -9,6 +9,8 @@ use super::grid::PAD;
 ///
 /// All rows are padded; the room to the right is written up to a whole number of lanes.
 pub(super) struct WarpRow<'a> {
+    /// The first column of all rows here.
+    pub(super) from: usize,
     /// The row itself.
     pub(super) prev: &'a [f32],
     /// At least 2 x 2 pixels.
@@ -36,7 +38,7 @@ impl LaneKernel for WarpRow<'_> {
         let (right, bottom) = (s.splat((width - 1) as f32), s.splat((height - 1) as f32));
         let (last_column, last_row) = (s.splat((width - 2) as f32), s.splat((height - 2) as f32));
         let ramp = s.ramp();
-        let count = width.div_ceil(LANES);
+        let count = self.prev.len().div_ceil(LANES);
         let (u, v) = (blocks(self.u, PAD, count), blocks(self.v, PAD, count));
         let (prev, rest) = self.prev.as_chunks::<LANES>();
         let mut tail = [0.0; LANES];
@@ -46,7 +48,7 @@ impl LaneKernel for WarpRow<'_> {
         let inside = blocks_mut(self.inside, PAD, count);
         let mut least = one;
         for i in 0..count {
-            let x = s.splat((i * LANES) as f32) + ramp;
+            let x = s.splat((self.from + i * LANES) as f32) + ramp;
             let at_x = x + s.get(&u[i]);
             let at_y = y + s.get(&v[i]);
             let here = s.get(prev.get(i).unwrap_or(&tail));

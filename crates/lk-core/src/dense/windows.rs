@@ -6,9 +6,12 @@
 //! Every window is summed afresh, in an order that depends on the place of the pixel alone, so that the division into
 //! bands cannot change a bit.
 
+use std::ops::Range;
+
 use crate::frame::Plane;
 use crate::simd::{LANES, Level, dispatch_lanes};
 
+use super::columns::Columns;
 use super::grid::{self, Grid, PAD};
 use super::moments::{Count, Sums};
 use super::sum_down::{Differences, KEPT, Kept, SUMS, Split, SumDown, as_kept};
@@ -29,18 +32,23 @@ pub(super) struct Views<'a> {
 }
 
 impl<'a> Views<'a> {
-    /// Row `y` of u and of v, padded; made in `memory`, of two rows, where they are of half the size.
-    pub(super) fn flow<'b>(&self, y: usize, memory: &'b mut [f32]) -> [&'b [f32]; 2]
+    /// Columns of row `y` of u and of v, from an even one on, padded; made in `memory`, of two rows, where they are of half
+    /// the size.
+    pub(super) fn flow<'b>(
+        &self,
+        y: usize,
+        columns: Range<usize>,
+        memory: &'b mut [f32],
+    ) -> [&'b [f32]; 2]
     where
         'a: 'b,
     {
         let Some(scale) = self.halved else {
-            return [self.u.padded(y), self.v.padded(y)];
+            return [self.u, self.v].map(|grid| &grid.padded(y)[columns.start..]);
         };
-        let width = self.prev.width();
-        let (u, v) = memory.split_at_mut(grid::stride(width));
-        upsample::row(self.u, y, width, scale, u);
-        upsample::row(self.v, y, width, scale, v);
+        let (u, v) = memory.split_at_mut(grid::stride(columns.len()));
+        upsample::row(self.u, y, columns.clone(), scale, u);
+        upsample::row(self.v, y, columns, scale, v);
         [u, v]
     }
 }
@@ -63,6 +71,7 @@ enum Counts {
 pub(super) struct Windows<'a> {
     level: Level,
     views: Views<'a>,
+    columns: Columns,
     radius: usize,
     centred: bool,
     stride: usize,
@@ -89,7 +98,18 @@ pub(super) struct Windows<'a> {
 }
 
 impl<'a> Windows<'a> {
-    /// Elements of memory for pictures of this width.
+    /// Elements that are under way for each column, about.
+    pub(super) const FLOATS: usize = RING * KEPT + 3 * NEAR + 2 + 2 * SUMS * 3 / 2 + 2;
+
+    /// Elements of memory for any of the strips.
+    pub(super) fn most(strips: impl Iterator<Item = Columns>) -> usize {
+        strips
+            .map(|columns| Self::size(columns.computed()))
+            .max()
+            .unwrap_or(0)
+    }
+
+    /// Elements of memory for as many columns.
     pub(super) fn size(width: usize) -> usize {
         let half = Split::of(width).half;
         RING * KEPT * 2 * half
@@ -102,11 +122,12 @@ impl<'a> Windows<'a> {
     pub(super) fn new(
         level: Level,
         views: Views<'a>,
+        columns: Columns,
         radius: usize,
         centred: bool,
         memory: &'a mut [f32],
     ) -> Self {
-        let width = views.prev.width();
+        let width = columns.computed();
         let (stride, split) = (grid::stride(width), Split::of(width));
         let (sum, memory) = memory.split_at_mut(NEAR * stride);
         let (difference, memory) = memory.split_at_mut(NEAR * stride);
@@ -122,6 +143,7 @@ impl<'a> Windows<'a> {
         Self {
             level,
             views,
+            columns,
             radius,
             centred,
             stride,
@@ -180,6 +202,8 @@ impl<'a> Windows<'a> {
         let (number, inverse) = self.number.split_at(2 * self.split.half);
         Sums {
             split: self.split,
+            skipped: 0,
+            count: self.split.count,
             centre: if self.centred { 1.0 } else { 0.0 },
             number,
             inverse,
@@ -189,7 +213,8 @@ impl<'a> Windows<'a> {
 
     /// Row `y` of `prev` and of warped `next`, if there is one.
     fn warp(&mut self, y: isize) {
-        let (width, height) = (self.views.prev.width(), self.views.prev.height());
+        let (width, height) = (self.columns.computed(), self.views.prev.height());
+        let columns = self.columns.from..self.columns.to;
         if y < 0 || y >= height as isize {
             return;
         }
@@ -202,9 +227,10 @@ impl<'a> Windows<'a> {
             &mut inside[slot],
         );
         let full = &mut self.whole[y % NEAR];
-        let [u, v] = self.views.flow(y, self.flow);
+        let [u, v] = self.views.flow(y, columns.clone(), self.flow);
         let kernel = WarpRow {
-            prev: self.views.prev.row(y),
+            from: columns.start,
+            prev: &self.views.prev.row(y)[columns.clone()],
             next: self.views.next,
             y,
             u,
@@ -219,7 +245,7 @@ impl<'a> Windows<'a> {
         inside[PAD + width..].fill(0.0);
         if let Some(weight) = self.views.weight {
             *full = false;
-            for (inside, weight) in inside[PAD..].iter_mut().zip(weight.row(y)) {
+            for (inside, weight) in inside[PAD..].iter_mut().zip(&weight.row(y)[columns]) {
                 *inside *= weight;
             }
         }
@@ -301,10 +327,16 @@ impl<'a> Windows<'a> {
         // Both rows of a pair have their weights summed if one of them needs it.
         if of(Counts::Some) > 0 {
             self.numbered = None;
-            let sums = &self.sums[(y % 2) * SUMS * 3 * half..][..SUMS * 3 * half];
             let kernel = Count::<N> {
-                split: self.split,
-                sums,
+                sums: Sums {
+                    split: self.split,
+                    skipped: 0,
+                    count: self.split.count,
+                    centre: 0.0,
+                    number: &[],
+                    inverse: &[],
+                    sums: &self.sums[(y % 2) * SUMS * 3 * half..][..SUMS * 3 * half],
+                },
                 number: [&mut *even, &mut *odd],
             };
             dispatch_lanes(self.level, kernel);
@@ -314,7 +346,7 @@ impl<'a> Windows<'a> {
                 return;
             }
             self.numbered = Some(rows);
-            let width = self.views.prev.width();
+            let width = self.columns.computed();
             for x in 0..2 * self.split.count * LANES {
                 let columns = (x + N / 2 + 1)
                     .min(width)
