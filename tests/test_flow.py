@@ -209,3 +209,18 @@ def test_misuse_is_refused(arguments: dict, error: type[Exception], message: str
     arguments = {"prev": scene(), "next": scene(), **arguments}
     with pytest.raises(error, match=message):
         rsflow.dense_flow(arguments.pop("prev"), arguments.pop("next"), **arguments)
+
+
+def test_memory_of_large_pairs_is_kept_from_the_second_in_a_row_on() -> None:
+    small, large = 640 * 480, 3840 * 2160
+
+    def core(pixels: int) -> object:
+        return rsflow.flow._kept_core("fast", "gain_offset", None, pixels)
+
+    assert core(small) is core(small)
+    kept = core(small)
+    lone = core(large)
+    assert core(small) is kept
+    first, second, third = core(large), core(large), core(large)
+    assert lone is not first and first is not second and second is third
+    assert core(large + 1) is not third and core(large) is not third

@@ -274,7 +274,8 @@ def dense_flow(
     return _field(core.pair(prev, next, _as_initial(initial), mask))
 
 
-# One estimator a thread is kept from call to call, for its memory, unless the frames are larger than this many pixels.
+# One estimator a thread is kept from call to call, for its memory. Frames of more pixels than this give theirs back after
+# a call that stands alone; from the second call in a row with the same size on it is kept until another size comes.
 _KEPT_PIXELS = 1 << 21
 _kept = threading.local()
 
@@ -285,9 +286,10 @@ def _new_core(preset: str, illumination: str, max_displacement: float | None) ->
 
 
 def _kept_core(preset: str, illumination: str, max_displacement: float | None, pixels: int) -> _core.DenseFlow:
-    if pixels > _KEPT_PIXELS:
+    key = (preset, illumination, max_displacement, pixels if pixels > _KEPT_PIXELS else 0)
+    before, _kept.latest = getattr(_kept, "latest", None), key
+    if key[3] and key != before:
         return _new_core(preset, illumination, max_displacement)
-    key = (preset, illumination, max_displacement)
     if getattr(_kept, "key", None) != key:
         _kept.core = _new_core(preset, illumination, max_displacement)
         _kept.key = key
