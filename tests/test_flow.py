@@ -222,5 +222,8 @@ def test_memory_of_large_pairs_is_kept_from_the_second_in_a_row_on() -> None:
     lone = core(large)
     assert core(small) is kept
     first, second, third = core(large), core(large), core(large)
-    assert lone is not first and first is not second and second is third
-    assert core(large + 1) is not third and core(large) is not third
+    assert lone is not first
+    assert first is not second
+    assert second is third
+    assert core(large + 1) is not third
+    assert core(large) is not third

@@ -274,8 +274,9 @@ def dense_flow(
     return _field(core.pair(prev, next, _as_initial(initial), mask))
 
 
-# One estimator a thread is kept from call to call, for its memory. Frames of more pixels than this give theirs back after
-# a call that stands alone; from the second call in a row with the same size on it is kept until another size comes.
+# One estimator a thread is kept from call to call, for its memory. Frames of more pixels than this give theirs back
+# after a call that stands alone; from the second call in a row with the same size on it is kept until another size
+# comes.
 _KEPT_PIXELS = 1 << 21
 _kept = threading.local()
 

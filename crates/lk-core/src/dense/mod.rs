@@ -8,8 +8,8 @@
 //! ([`search`]). The last step or round
 //! also judges how well its windows fit ([`judge`]), and what is not to be trusted is marked ([`assess`]).
 //!
-//! What steps, rounds of refinement and the judgement share is a stream of rows of window sums ([`windows`]): warped
-//! ([`warp`]), summed down ([`sum_down`]) and across ([`moments`]).
+//! What steps and rounds of refinement share is a stream of rows of window sums ([`windows`]): warped ([`warp`]), summed
+//! down ([`sum_down`]) and across ([`moments`]), in strips of columns where the picture is wide ([`columns`]).
 //!
 //! Damping and thresholds are in grey levels of 0..255: both frames of a pair are multiplied by the power of two that
 //! the range of `prev` asks for ([`Greys::scale`]), and what is reported in grey levels is divided by it.

@@ -1,4 +1,4 @@
-//! Sums over the windows of all pixels, row by row: what a Lucas-Kanade step, a refinement and the last look share.
+//! Sums over the windows of all pixels, row by row: what a Lucas-Kanade step and a refinement share.
 //!
 //! Rows stream: `next` is warped row by row, gradients and differences stay in a ring of rows, and window sums run down
 //! the ring for two rows at a time, which share all but one row of their windows, and then across. Rows of the ring and
