@@ -11,7 +11,7 @@ pub(super) const MAX_SAMPLED: usize = (MAX_SIDE + 2).next_multiple_of(EIGHT);
 const MAX_REGION: usize = MAX_SAMPLED + SPLINE_TAPS;
 
 /// The most pixels of a row that are taken at once.
-const LEAST_STRIDE: usize = EIGHT + SPLINE_TAPS;
+pub(super) const LEAST_STRIDE: usize = EIGHT + SPLINE_TAPS;
 
 /// A row more than a region has: the last one too is followed by so much memory.
 const SCRATCH: usize = (MAX_REGION + 1) * MAX_REGION;

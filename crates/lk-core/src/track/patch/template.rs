@@ -1,6 +1,6 @@
 //! The window in `prev`, its gradients, and their sums.
 
-use super::region::{BorderScratch, MAX_SAMPLED, Region, region, split};
+use super::region::{BorderScratch, LEAST_STRIDE, MAX_SAMPLED, Region, region, split};
 use super::sampling::{Linear, SPLINE_BEFORE, SPLINE_TAPS, Sampling, Spline, pair, spline_weights};
 use super::{MAX_SIDE, Window};
 use crate::frame::Plane;
@@ -149,7 +149,7 @@ impl EightKernel for BuildTemplate<'_> {
         let (x, fx) = split(corner[0] - 1.0);
         let (y, fy) = split(corner[1] - 1.0);
         let blocks = columns.div_ceil(EIGHT);
-        let stride = blocks * EIGHT;
+        let stride = (blocks * EIGHT).max(LEAST_STRIDE.next_multiple_of(EIGHT));
         if sampling == Sampling::Bouguet {
             let source = region(self.prev, (x, y), columns + 1, rows + 1, self.scratch);
             let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
