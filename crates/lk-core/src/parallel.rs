@@ -4,12 +4,14 @@
 //! on the caller's thread and no pool is touched. A band never reads what another band writes, and no sum crosses a
 //! row, so the number of bands cannot change a bit of a result.
 
+use std::cell::Cell;
 use std::ops::Range;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, LazyLock, OnceLock};
+use std::time::{Duration, Instant};
 
 use arc_swap::ArcSwap;
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::{ThreadPool, ThreadPoolBuilder, Yield};
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
@@ -22,7 +24,13 @@ static REQUESTED: AtomicUsize = AtomicUsize::new(0);
 /// The pools of one process, by thread count.
 struct Pools {
     process: u32,
-    by_threads: Vec<(usize, Arc<ThreadPool>)>,
+    by_threads: Vec<(usize, Arc<Pool>)>,
+}
+
+struct Pool {
+    threads: ThreadPool,
+    /// Calls of [`within_pool`] that are under way.
+    calls: AtomicUsize,
 }
 
 static POOLS: LazyLock<ArcSwap<Pools>> = LazyLock::new(|| {
@@ -50,7 +58,7 @@ pub fn num_threads() -> usize {
 }
 
 /// The pool of `threads` threads of this process.
-fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
+fn pool(threads: usize) -> Result<Arc<Pool>> {
     let process = std::process::id();
     let current = POOLS.load_full();
     if current.process == process
@@ -69,7 +77,10 @@ fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
             threads,
             reason: error.to_string(),
         })?;
-    let built = Arc::new(built);
+    let built = Arc::new(Pool {
+        threads: built,
+        calls: AtomicUsize::new(0),
+    });
     POOLS.rcu(|pools| {
         let mut by_threads = if pools.process == process {
             pools.by_threads.clone()
@@ -235,7 +246,9 @@ where
         most - most % threads
     };
     let band = rows.div_ceil(bands).min(longest);
-    pool(threads)?.install(|| halve(execution, 0..rows, band, outputs, &work))
+    pool(threads)?
+        .threads
+        .install(|| halve(execution, 0..rows, band, outputs, &work))
 }
 
 /// The bands in order, on the caller's thread.
@@ -263,8 +276,8 @@ where
     Ok(())
 }
 
-/// Call `work` where [`for_each_band`] with the same setting hands nothing over from outside of its pool: what calls it
-/// several times saves as many wake-ups.
+/// Call `work` where [`for_each_band`] with the same setting hands nothing over from outside of its pool, and keep the
+/// other threads of the pool awake for what it divides: to wake one costs tens of microseconds.
 ///
 /// # Errors
 ///
@@ -273,10 +286,125 @@ pub(crate) fn within_pool<R: Send>(
     execution: &Execution,
     work: impl FnOnce() -> Result<R> + Send,
 ) -> Result<R> {
-    match execution.num_threads() {
-        1 => work(),
-        threads => pool(threads)?.install(work),
+    let threads = execution.num_threads();
+    if threads == 1 {
+        return work();
     }
+    let pool = pool(threads)?;
+    let call = Call::begin(&pool);
+    pool.threads.install(|| {
+        let (mut work, mut result) = (Some(work), None);
+        accompany(threads - 1, &call, &mut || {
+            let _over = RaiseOnDrop(&call.over);
+            result = work.take().map(busy);
+        });
+        result.unwrap_or(Err(Error::Cancelled))
+    })
+}
+
+/// A call of [`within_pool`].
+struct Call<'a> {
+    pool: &'a Pool,
+    /// Whether its work is done.
+    over: AtomicBool,
+}
+
+impl<'a> Call<'a> {
+    fn begin(pool: &'a Pool) -> Self {
+        pool.calls.fetch_add(1, Ordering::Relaxed);
+        Self {
+            pool,
+            over: AtomicBool::new(false),
+        }
+    }
+
+    /// Whether a thread may wait for work of this call: where there are others, they have work for all.
+    fn wants_company(&self) -> bool {
+        !self.over.load(Ordering::Acquire) && self.pool.calls.load(Ordering::Relaxed) == 1
+    }
+}
+
+impl Drop for Call<'_> {
+    fn drop(&mut self) {
+        self.pool.calls.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// A flag that is raised at the end of a scope, also by a panic.
+struct RaiseOnDrop<'a>(&'a AtomicBool);
+
+impl Drop for RaiseOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Release);
+    }
+}
+
+/// Call `work` while up to `threads` other threads of the pool wait for what it divides.
+fn accompany(threads: usize, call: &Call<'_>, work: &mut (dyn FnMut() + Send)) {
+    if threads == 0 {
+        work();
+        return;
+    }
+    rayon::join(
+        || accompany(threads - 1, call, work),
+        || {
+            // A thread that has come by from the midst of its own work must return to it.
+            if BUSY.get() == 0 {
+                help_while(|| call.wants_company());
+            }
+        },
+    );
+}
+
+/// How long a thread waits for work before it may fall asleep.
+const PATIENCE: Duration = Duration::from_micros(200);
+
+/// Looks at what is waited for between two looks at the queues, which are left to those who fill them meanwhile.
+const GLANCES: usize = 8;
+
+/// Looks at the queues between two offers of the CPU to other processes.
+const LOOKS: usize = 8;
+
+/// Do what others of the pool have to do, while `wanted` and not long without any.
+fn help_while(wanted: impl Fn() -> bool) {
+    let (mut last, mut looks) = (None, 0);
+    while wanted() {
+        if rayon::yield_now() == Some(Yield::Executed) {
+            (last, looks) = (None, 0);
+            continue;
+        }
+        for _ in 0..GLANCES {
+            if !wanted() {
+                return;
+            }
+            std::hint::spin_loop();
+        }
+        looks += 1;
+        if looks % LOOKS == 0 {
+            if last.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+                return;
+            }
+            std::thread::yield_now();
+        }
+    }
+}
+
+thread_local! {
+    /// How deep a thread of a pool is within work that others wait for.
+    static BUSY: Cell<usize> = const { Cell::new(0) };
+}
+
+/// Call `work`, which this thread must not leave for long.
+fn busy<R>(work: impl FnOnce() -> R) -> R {
+    struct Depth;
+    impl Drop for Depth {
+        fn drop(&mut self) {
+            BUSY.set(BUSY.get() - 1);
+        }
+    }
+    BUSY.set(BUSY.get() + 1);
+    let _depth = Depth;
+    work()
 }
 
 fn halve<S, F>(
@@ -298,17 +426,54 @@ where
     let bands = rows.len().div_ceil(band);
     let middle = rows.start + (bands / 2) * band;
     let (above, below) = outputs.split_at_row(middle - rows.start);
-    let (first, second) = rayon::join(
+    let (first, second) = join(
         || halve(execution, rows.start..middle, band, above, work),
         || halve(execution, middle..rows.end, band, below, work),
     );
     first.and(second)
 }
 
+/// What both return, called at the same time where a thread is free.
+///
+/// # Errors
+///
+/// [`Error::Threads`] if no pool could be started.
+pub(crate) fn both<A: Send, B: Send>(
+    execution: &Execution,
+    first: impl FnOnce() -> A + Send,
+    second: impl FnOnce() -> B + Send,
+) -> Result<(A, B)> {
+    match execution.num_threads() {
+        1 => Ok((first(), second())),
+        threads => Ok(pool(threads)?.threads.install(|| join(first, second))),
+    }
+}
+
+/// [`both`] on a thread of the pool.
+fn join<A: Send, B: Send>(
+    first: impl FnOnce() -> A + Send,
+    second: impl FnOnce() -> B + Send,
+) -> (A, B) {
+    let [taken, over] = [const { AtomicBool::new(false) }; 2];
+    rayon::join(
+        || {
+            let result = busy(first);
+            // To fall asleep and be woken costs more than to wait for what is nearly done.
+            if taken.load(Ordering::Acquire) {
+                busy(|| help_while(|| !over.load(Ordering::Acquire)));
+            }
+            result
+        },
+        || {
+            taken.store(true, Ordering::Release);
+            let _over = RaiseOnDrop(&over);
+            busy(second)
+        },
+    )
+}
+
 #[cfg(test)]
 mod tests {
-    use std::sync::atomic::AtomicBool;
-
     use super::*;
 
     #[test]
@@ -339,6 +504,99 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// Rows that know who they are, by bands within bands.
+    fn squares(execution: &Execution, rows: usize) -> Vec<usize> {
+        let mut squares = vec![0; rows];
+        within_pool(execution, || {
+            for _ in 0..3 {
+                for_each_band(
+                    execution,
+                    rows,
+                    1,
+                    RowsMut::new(&mut squares, 1),
+                    |range, part| {
+                        for (square, row) in part.data.iter_mut().zip(range) {
+                            *square += row * row;
+                        }
+                    },
+                )?;
+            }
+            Ok(())
+        })
+        .unwrap();
+        squares
+    }
+
+    #[test]
+    fn calls_at_once_do_not_disturb_each_other() {
+        let want: Vec<_> = (0..301).map(|row| 3 * row * row).collect();
+        std::thread::scope(|scope| {
+            for threads in [1, 2, 2, 3, 3, 7] {
+                let want = &want;
+                scope.spawn(move || {
+                    let execution = Execution::default().threads(threads);
+                    for _ in 0..50 {
+                        assert_eq!(squares(&execution, want.len()), *want);
+                    }
+                });
+            }
+        });
+    }
+
+    #[test]
+    fn both_are_called_wherever_they_are_asked_for() {
+        for threads in [1, 2, 5] {
+            let execution = Execution::default().threads(threads);
+            let ask = || both(&execution, || squares(&execution, 9), || "second");
+            let (rows, second) = ask().unwrap();
+            assert_eq!((rows[8], second), (3 * 64, "second"));
+            let within = within_pool(&execution, ask).unwrap();
+            assert_eq!(within, (rows, second));
+        }
+    }
+
+    #[test]
+    fn a_panic_leaves_the_threads_to_the_next_call() {
+        // A pool of its own: no other test has calls in it.
+        let threads = 4;
+        let execution = Execution::default().threads(threads);
+        for _ in 0..3 {
+            let result = std::panic::catch_unwind(|| {
+                within_pool(&execution, || {
+                    for_each_band(&execution, 64, 1, (), |rows, ()| {
+                        assert!(!rows.contains(&40), "row 40");
+                    })
+                })
+            });
+            assert!(result.is_err());
+            assert_eq!(pool(threads).unwrap().calls.load(Ordering::Relaxed), 0);
+            assert_eq!(squares(&execution, 5), [0, 3, 12, 27, 48]);
+        }
+    }
+
+    #[test]
+    fn nobody_waits_long_for_work() {
+        let execution = Execution::default().threads(6);
+        within_pool(&execution, || {
+            help_while(|| true);
+            Ok(())
+        })
+        .unwrap();
+        // The first has no more to do; the second goes on for long.
+        let long = Duration::from_millis(20);
+        let (_, slept) = both(
+            &execution,
+            || (),
+            || {
+                let start = Instant::now();
+                std::thread::sleep(long);
+                start.elapsed()
+            },
+        )
+        .unwrap();
+        assert!(slept >= long);
     }
 
     #[test]

@@ -1,13 +1,16 @@
 //! One pair of frames, from the coarsest level to the finest.
 
 use crate::error::Result;
+use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::illumination::Illumination;
+use crate::parallel::both;
 use crate::pyramid::Pyramid;
 
 use super::grid::{self, Grid};
 use super::judge::Judged;
 use super::light::Light;
+use super::looks::Looks;
 use super::options::{DenseHints, DenseOptions, LevelRecipe};
 use super::step::StepOptions;
 use super::windows::Views;
@@ -33,6 +36,7 @@ pub(super) struct Memory {
     pub(super) found: [Grid; 2],
     pub(super) found_energy: Grid,
     pub(super) light: Light,
+    looks: Looks,
     pub(super) weights: Vec<Plane>,
     /// 0 at pixels of `prev` that are masked or not finite.
     pub(super) given: Plane,
@@ -106,6 +110,7 @@ fn first_level(pyramid: &Pyramid, hints: DenseHints<'_>) -> usize {
 /// One measurement under way.
 pub(super) struct Descent<'a> {
     pub(super) options: &'a DenseOptions,
+    pub(super) execution: &'a Execution,
     /// Its light is changed on the way.
     pub(super) prev: &'a mut Pyramid,
     pub(super) next: &'a Pyramid,
@@ -132,14 +137,30 @@ impl Descent<'_> {
             .position(small)
             .unwrap_or(coarsest)
             .min(coarsest);
-        self.coarse(first, hints, None)?;
-        self.found = hints.initial.is_none() && self.search(first)?;
-        let lit =
-            if self.options.illumination == Illumination::GainOffset && self.gain_matters(first) {
-                self.relight(first, hints)?
-            } else {
-                None
-            };
+        let mut looks = std::mem::take(&mut self.memory.looks);
+        looks.take(
+            &self.prev.levels()[first],
+            self.weighted.then(|| &self.memory.weights[first]),
+        );
+        let wants_light = self.options.illumination == Illumination::GainOffset;
+        let (execution, next) = (self.execution, &self.next.levels()[first]);
+        let (measured, ()) = both(
+            execution,
+            || self.coarse(first, hints, None),
+            || looks.look(next, hints.initial.is_none(), wants_light),
+        )?;
+        let (contrast, lit) = (looks.contrast, looks.lit);
+        self.memory.looks = looks;
+        measured?;
+        self.found = match contrast {
+            Some(contrast) => self.search(first, contrast)?,
+            None => false,
+        };
+        let lit = if lit {
+            self.relight(first, hints)?
+        } else {
+            None
+        };
         for level in (0..first).rev() {
             self.memory.halved = Some(2.0);
             self.level(level, level == 0)?;
@@ -245,7 +266,7 @@ impl Descent<'_> {
         let size = (plane.width(), plane.height());
         let Memory { flow, spare, .. } = &mut *self.memory;
         for (flow, spare) in flow.iter_mut().zip(spare) {
-            upsample::upsample(flow, size, scale, spare, &self.options.execution)?;
+            upsample::upsample(flow, size, scale, spare, self.execution)?;
             std::mem::swap(flow, spare);
         }
         Ok(())
@@ -254,7 +275,7 @@ impl Descent<'_> {
     /// Improve the flow of one level. With `ends` it is the last one: flow and energies may be of half the size
     /// afterwards, and the last step or round judges the flow if it can.
     pub(super) fn level(&mut self, level: usize, ends: bool) -> Result<()> {
-        let (execution, recipe) = (&self.options.execution, &self.options.recipe);
+        let (execution, recipe) = (self.execution, &self.options.recipe);
         let (of_level, options) = (self.level_recipe(level), self.step_options(level));
         for cycle in 0..of_level.cycles {
             let ends = ends && cycle + 1 == of_level.cycles;

@@ -21,6 +21,7 @@ mod field;
 mod grid;
 mod judge;
 mod light;
+mod looks;
 mod median;
 mod moments;
 mod options;
@@ -40,7 +41,7 @@ use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, scale_by};
 use crate::grey::Greys;
-use crate::parallel::within_pool;
+use crate::parallel::{both, within_pool};
 use crate::pyramid::Pyramid;
 
 pub use field::FlowField;
@@ -156,15 +157,15 @@ impl DenseFlow {
             let before = &self.prev.pyramid.levels()[0];
             check_sizes((before.height(), before.width()), frame.dim())?;
         }
-        let execution = self.options.execution.clone();
-        in_pool(frame.len(), &execution, || {
+        let execution = self.execution(frame.len());
+        within_pool(&execution, || {
             let levels = self.levels(frame.dim());
             let greys = Greys::of(frame);
             let scale = if primed { &self.prev.greys } else { &greys }.scale();
             self.next.read(frame, greys, scale, levels, &execution)?;
             if primed {
                 self.prev.rescale(scale);
-                self.measure(hints, field)?;
+                self.measure(hints, &execution, field)?;
             }
             Ok(())
         })?;
@@ -187,16 +188,34 @@ impl DenseFlow {
         self.primed = false;
         check_sizes(prev.dim(), next.dim())?;
         check_hints(prev.dim(), hints)?;
-        let execution = self.options.execution.clone();
-        in_pool(prev.len(), &execution, || {
+        let execution = self.execution(prev.len());
+        within_pool(&execution, || {
             let levels = self.levels(prev.dim());
-            let greys = Greys::of(prev);
-            let scale = greys.scale();
-            self.prev.read(prev, greys, scale, levels, &execution)?;
-            self.next
-                .read(next, Greys::of(next), scale, levels, &execution)?;
-            self.measure(hints, field)
+            let greys = both(&execution, || Greys::of(prev), || Greys::of(next))?;
+            let scale = greys.0.scale();
+            let Self {
+                prev: first,
+                next: second,
+                ..
+            } = self;
+            let (first, second) = both(
+                &execution,
+                || first.read(prev, greys.0, scale, levels, &execution),
+                || second.read(next, greys.1, scale, levels, &execution),
+            )?;
+            first.and(second)?;
+            self.measure(hints, &execution, field)
         })
+    }
+
+    /// The execution of a call for frames of this many pixels.
+    fn execution(&self, pixels: usize) -> Execution {
+        let execution = self.options.execution.clone();
+        if pixels < SHARED {
+            execution.threads(1)
+        } else {
+            execution
+        }
     }
 
     /// Levels of the pyramid for a frame of this (height, width).
@@ -214,7 +233,12 @@ impl DenseFlow {
         levels
     }
 
-    fn measure(&mut self, hints: DenseHints<'_>, field: &mut FlowField) -> Result<()> {
+    fn measure(
+        &mut self,
+        hints: DenseHints<'_>,
+        execution: &Execution,
+        field: &mut FlowField,
+    ) -> Result<()> {
         let Self {
             options,
             prev,
@@ -239,6 +263,7 @@ impl DenseFlow {
         let unit = prev.scale.recip();
         let mut descent = Descent {
             options,
+            execution,
             prev: &mut prev.pyramid,
             next: &next.pyramid,
             ranges: [&prev.greys, &next.greys].map(|greys| greys.range(next.scale)),
@@ -273,25 +298,12 @@ impl DenseFlow {
         };
         let given = weighted.then_some(given);
         let bad = Some(&next.finite).filter(|plane| plane.width() > 0);
-        assess::assess(input, judged, (given, bad), unit, field, &options.execution)
+        assess::assess(input, judged, (given, bad), unit, field, execution)
     }
 }
 
 /// Frames of fewer pixels are measured on the caller's thread: nothing of them is divided.
 const SHARED: usize = 1 << 14;
-
-/// Call `work` on the threads of `execution`, which are then awake for all that it divides.
-fn in_pool<R: Send>(
-    pixels: usize,
-    execution: &Execution,
-    work: impl FnOnce() -> Result<R> + Send,
-) -> Result<R> {
-    if pixels < SHARED {
-        work()
-    } else {
-        within_pool(execution, work)
-    }
-}
 
 impl Source {
     fn read<T: Pixel>(

@@ -4,6 +4,7 @@ use crate::error::Result;
 use crate::frame::Plane;
 
 use super::descend::{Descent, Memory};
+use super::light::Light;
 use super::options::DenseHints;
 use super::weights;
 use super::windows::Views;
@@ -90,7 +91,7 @@ impl Descent<'_> {
                 *weight = 0.0;
             }
         }
-        self.prev.reduce_again(&self.options.execution)?;
+        self.prev.reduce_again(self.execution)?;
         if self.weighted {
             for (to, given) in unclipped.data_mut().iter_mut().zip(weights[0].data()) {
                 *to *= given;
@@ -99,17 +100,6 @@ impl Descent<'_> {
         self.weighted = true;
         weights::pyramid(unclipped, self.prev, weights);
         Ok(())
-    }
-
-    /// Whether the light may have changed by more than an offset.
-    pub(super) fn gain_matters(&mut self, level: usize) -> bool {
-        let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
-        let weight = self.weighted.then(|| &self.memory.weights[level]);
-        let [trend, beyond] = self
-            .memory
-            .light
-            .change(prev, next, weight, LIGHT_RADII[0].1);
-        trend > SUSPICIOUS || beyond > 2.0 * SUSPICIOUS
     }
 
     /// Give `prev` the light of `next`, as the flow so far sees it.
@@ -122,7 +112,7 @@ impl Descent<'_> {
         } = &mut *self.memory;
         let weight = self.weighted.then(|| &weights[level]);
         let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
-        let simd = self.options.execution.simd_level();
+        let simd = self.execution.simd_level();
         light.estimate(
             Views {
                 prev,
@@ -138,4 +128,15 @@ impl Descent<'_> {
         );
         light.apply(&mut self.prev.levels_mut()[level], 0);
     }
+}
+
+/// Whether the light may have changed by more than an offset from `prev` to `next`, a coarse level of both.
+pub(super) fn gain_matters(
+    memory: &mut Light,
+    prev: &Plane,
+    next: &Plane,
+    weight: Option<&Plane>,
+) -> bool {
+    let [trend, beyond] = memory.change(prev, next, weight, LIGHT_RADII[0].1);
+    trend > SUSPICIOUS || beyond > 2.0 * SUSPICIOUS
 }

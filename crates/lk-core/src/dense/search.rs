@@ -28,20 +28,15 @@ const MOST: usize = 12;
 const RADIUS: usize = 3;
 
 impl Descent<'_> {
-    /// Improve the flow of level `level`, which has just been measured, if it is lost. Returns whether that has led to
-    /// anything; the flow is then in `memory.found` too.
-    pub(super) fn search(&mut self, level: usize) -> Result<bool> {
+    /// Improve the flow of level `level`, which has just been measured, if it is lost for the contrast of `prev` there.
+    /// Returns whether that has led to anything; the flow is then in `memory.found` too.
+    pub(super) fn search(&mut self, level: usize, contrast: f64) -> Result<bool> {
         let before = self.memory.misfit();
-        let contrast = contrast(&self.prev.levels()[level]);
         if before <= LOST * contrast {
             return Ok(false);
         }
         let scale = (1usize << level) as f64;
-        let seeds = Seeds::find(
-            self.prev.levels(),
-            self.next.levels(),
-            &self.options.execution,
-        )?;
+        let seeds = Seeds::find(self.prev.levels(), self.next.levels(), self.execution)?;
         self.memory.keep_flow();
         let Memory { best, found, .. } = &mut *self.memory;
         for (found, best) in found.iter_mut().zip(best) {
@@ -105,7 +100,7 @@ impl Memory {
 }
 
 /// The mean standard deviation of grey levels within windows.
-fn contrast(plane: &Plane) -> f64 {
+pub(super) fn contrast(plane: &Plane) -> f64 {
     let (mut all, mut windows) = (0.0, 0.0);
     for y in (0..plane.height()).step_by(RADIUS) {
         for x in (0..plane.width()).step_by(RADIUS) {
