@@ -44,11 +44,26 @@ impl Pixel for f32 {
 pub type Frame<'a, T> = ArrayView2<'a, T>;
 
 /// Grey levels as `f32`, in rows without gaps.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Default, PartialEq)]
 pub struct Plane {
     width: usize,
     height: usize,
     data: Vec<f32>,
+}
+
+impl Clone for Plane {
+    fn clone(&self) -> Self {
+        Self {
+            data: self.data.clone(),
+            ..*self
+        }
+    }
+
+    /// Keeps the memory.
+    fn clone_from(&mut self, source: &Self) {
+        (self.width, self.height) = (source.width, source.height);
+        self.data.clone_from(&source.data);
+    }
 }
 
 impl Plane {
