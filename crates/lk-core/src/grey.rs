@@ -1,5 +1,7 @@
 //! The range of a frame's grey levels, and the scale that brings it to where thresholds in grey levels hold.
 
+use ndarray::ArrayView1;
+
 use crate::frame::{Frame, Pixel};
 use crate::simd::{Kernel, Level, dispatch};
 
@@ -8,6 +10,9 @@ const ORDINARY: std::ops::RangeInclusive<f64> = 16.0..=512.0;
 
 /// Any other range is brought to at least this and less than twice this: 2^7, the upper half of 0..255.
 const EXPONENT: i32 = 7;
+
+/// Pixels that are scanned together: one that is not finite makes the scan of its part slow.
+const PART: usize = 1 << 12;
 
 /// The extremes of the finite grey levels of a frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -24,21 +29,31 @@ impl Greys {
             extremes: None,
             finite: true,
         };
-        for row in frame.rows() {
-            let found = row.as_slice().and_then(finite_extremes);
-            if let Some(found) = found {
-                greys.include(found);
-                continue;
+        if let Some(pixels) = frame.as_slice() {
+            for part in pixels.chunks(PART) {
+                greys.scan(ArrayView1::from(part));
             }
-            for value in row.iter().map(|value| value.to_f32()) {
-                if value.is_finite() {
-                    greys.include([value; 2]);
-                } else {
-                    greys.finite = false;
-                }
+        } else {
+            for row in frame.rows() {
+                greys.scan(row);
             }
         }
         greys
+    }
+
+    fn scan<T: Pixel>(&mut self, pixels: ArrayView1<'_, T>) {
+        let found = pixels.as_slice().and_then(finite_extremes);
+        if let Some(found) = found {
+            self.include(found);
+            return;
+        }
+        for value in pixels.iter().map(|value| value.to_f32()) {
+            if value.is_finite() {
+                self.include([value; 2]);
+            } else {
+                self.finite = false;
+            }
+        }
     }
 
     fn include(&mut self, [low, high]: [f32; 2]) {
