@@ -4,7 +4,7 @@ use ndarray::ArrayView2;
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
-use crate::parallel::{RowsMut, for_each_band};
+use crate::parallel::{RowsMut, even_bands, for_each_band};
 
 mod sealed {
     pub trait Sealed {}
@@ -158,8 +158,7 @@ impl Plane {
         if width == 0 || height == 0 {
             return Ok(());
         }
-        // A band of 64 kilopixels converts in about 10 us.
-        let min_rows = (65_536 / width).max(1);
+        let min_rows = even_bands(execution, height, [65_536 / width, 32_768 / width]);
         for_each_band(
             execution,
             height,

@@ -251,6 +251,18 @@ where
         .install(|| halve(execution, 0..rows, band, outputs, &work))
 }
 
+/// The `min_rows` of [`for_each_band`] where all rows cost alike: two bands a thread, so that a thread that is held up
+/// leaves one to another, unless they had fewer than `long` rows; then one, of at least `short` rows.
+pub(crate) fn even_bands(execution: &Execution, rows: usize, [long, short]: [usize; 2]) -> usize {
+    let threads = execution.num_threads();
+    let half = rows.div_ceil(2 * threads);
+    if half >= long {
+        half
+    } else {
+        rows.div_ceil(threads).max(short)
+    }
+}
+
 /// The bands in order, on the caller's thread.
 fn one_by_one<S, F>(
     execution: &Execution,
@@ -620,6 +632,18 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn even_bands_are_two_a_thread_where_they_are_long() {
+        let bands =
+            |threads, rows| even_bands(&Execution::default().threads(threads), rows, [64, 16]);
+        assert_eq!(bands(1, 480), 240);
+        assert_eq!(bands(2, 480), 120);
+        assert_eq!(bands(2, 120), 60);
+        assert_eq!(bands(2, 20), 16);
+        assert_eq!(bands(8, 480), 60);
+        assert_eq!(bands(64, 480), 16);
     }
 
     #[test]

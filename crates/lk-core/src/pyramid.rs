@@ -6,7 +6,7 @@
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane};
-use crate::parallel::for_each_band;
+use crate::parallel::{even_bands, for_each_band};
 use crate::scratch::with_scratch;
 use crate::simd::{Kernel, Level, dispatch};
 
@@ -104,8 +104,7 @@ fn reduce(source: &Plane, target: &mut Plane, execution: &Execution) -> Result<(
         return Ok(());
     }
     let level = execution.simd_level();
-    // About 10 us of work a band.
-    let min_rows = (8_192 / width).max(1);
+    let min_rows = even_bands(execution, height, [16_384 / width, 4_096 / width]);
     for_each_band(
         execution,
         height,

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
-use crate::parallel::{RowsMut, for_each_band};
+use crate::parallel::{RowsMut, even_bands, for_each_band};
 use crate::scratch::with_scratch;
 use crate::simd::{
     Floats, Kernel, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch, dispatch_lanes,
@@ -43,7 +43,7 @@ pub(super) fn assess(
     for_each_band(
         execution,
         height,
-        (16_384 / width).max(8),
+        even_bands(execution, height, [16_384 / width, 4_096 / width]),
         outputs,
         |rows, (mut uv, mut valid, mut residual)| {
             with_scratch(5 * stride, |memory| {

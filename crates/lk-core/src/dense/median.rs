@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::execution::Execution;
-use crate::parallel::for_each_band;
+use crate::parallel::{even_bands, for_each_band};
 use crate::simd::{Floats, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
@@ -24,7 +24,7 @@ pub(super) fn median(
     for_each_band(
         execution,
         height,
-        (8_192 / width).max(1),
+        even_bands(execution, height, [16_384 / width, 2_048 / width]),
         (to_u.rows_mut(), to_v.rows_mut()),
         |rows, (mut to_u, mut to_v)| {
             for (local, y) in rows.enumerate() {

@@ -69,7 +69,7 @@ pub(super) fn round(
     let halves = 2 * recipe.sweeps;
     // A band begins its sweeps beyond its own rows, which costs most of what as many rows more would: as few bands as
     // there are threads.
-    let min_rows = height.div_ceil(execution.num_threads()).max(4 * halves);
+    let min_rows = height.div_ceil(execution.num_threads()).max(2 * halves);
     let level = execution.simd_level();
     let floats = Windows::FLOATS + Rows::floats(halves);
     let strips = Columns::strips(width, floats, halves + recipe.radius + 1);

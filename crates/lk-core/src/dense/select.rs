@@ -4,7 +4,7 @@
 
 use crate::error::Result;
 use crate::execution::Execution;
-use crate::parallel::for_each_band;
+use crate::parallel::{even_bands, for_each_band};
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
@@ -26,7 +26,7 @@ pub(super) fn select(
     for_each_band(
         execution,
         height,
-        (8_192 / width).max(1),
+        even_bands(execution, height, [16_384 / width, 2_048 / width]),
         (to.0.rows_mut(), to.1.rows_mut()),
         |rows, (mut to_u, mut to_v)| {
             for (local, y) in rows.enumerate() {

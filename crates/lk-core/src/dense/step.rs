@@ -44,7 +44,7 @@ pub(super) fn step(
     for_each_band(
         execution,
         height,
-        (4_096 / width).max(8),
+        Windows::rows_of_bands(execution, height),
         (u.rows_mut(), v.rows_mut(), energy.rows_mut()),
         |rows, (mut u, mut v, mut energy)| {
             with_scratch(size, |memory| {
@@ -110,7 +110,7 @@ pub(super) fn sparse_step(
     for_each_band(
         execution,
         height,
-        (2_048 / width).max(4),
+        Windows::rows_of_bands(execution, full_height).div_ceil(2),
         (u.rows_mut(), v.rows_mut(), energy.rows_mut(), judged),
         |rows, (mut u, mut v, mut energy, mut judged)| {
             with_scratch(size, |memory| {

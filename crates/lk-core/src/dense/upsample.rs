@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::error::Result;
 use crate::execution::Execution;
-use crate::parallel::for_each_band;
+use crate::parallel::{even_bands, for_each_band};
 
 use super::grid::{self, Grid, PAD};
 
@@ -21,7 +21,7 @@ pub(super) fn upsample(
     for_each_band(
         execution,
         height,
-        (32_768 / width).max(1),
+        even_bands(execution, height, [65_536 / width, 16_384 / width]),
         fine.rows_mut(),
         |rows, mut part| {
             for (local, y) in rows.enumerate() {

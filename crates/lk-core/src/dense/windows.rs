@@ -8,7 +8,9 @@
 
 use std::ops::Range;
 
+use crate::execution::Execution;
 use crate::frame::Plane;
+use crate::parallel::even_bands;
 use crate::simd::{LANES, Level, dispatch_lanes};
 
 use super::columns::Columns;
@@ -57,6 +59,8 @@ impl<'a> Views<'a> {
 const NEAR: usize = 3;
 /// Rows of the ring: those of the windows of two rows of pixels, 7 high, and a power of two.
 const RING: usize = 8;
+/// Rows of a band beside which those that it begins with hardly count, and of the shortest that is worth them.
+const BAND: [usize; 2] = [64, 16];
 /// What is known of the weights of a row of the ring.
 #[derive(Clone, Copy, PartialEq)]
 enum Counts {
@@ -116,6 +120,12 @@ impl<'a> Windows<'a> {
             + (3 * NEAR + 2) * grid::stride(width)
             + 2 * SUMS * 3 * half
             + 4 * half
+    }
+
+    /// The rows of pixels of bands: each begins with some rows beyond its own, so that shorter ones cost more than it gains
+    /// to level them out.
+    pub(super) fn rows_of_bands(execution: &Execution, height: usize) -> usize {
+        even_bands(execution, height, BAND)
     }
 
     /// Windows of `2 radius + 1` pixels; with `centred`, their means do not count.
