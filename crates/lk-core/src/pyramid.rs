@@ -111,7 +111,8 @@ fn reduce(source: &Plane, target: &mut Plane, execution: &Execution) -> Result<(
         min_rows,
         target.rows_mut(),
         |rows, mut part| {
-            with_scratch(source.width() + 4, |smoothed| {
+            // Two columns on either side, and one that fills the last pair.
+            with_scratch(source.width() + 5, |smoothed| {
                 for (local, y) in rows.enumerate() {
                     reduce_row(level, source, y, smoothed, part.row_mut(local));
                 }
@@ -186,9 +187,12 @@ impl Kernel for SmoothAcross<'_> {
 
     #[inline(always)]
     fn run(self) {
-        for (x, to) in self.row.iter_mut().enumerate() {
-            let s = &self.smoothed[2 * x..2 * x + 5];
-            *to = ((s[0] + s[4]) + 4.0 * (s[1] + s[3]) + 6.0 * s[2]) * (1.0 / 256.0);
+        let count = self.row.len();
+        let (pairs, _) = self.smoothed.as_chunks::<2>();
+        let (a, b, c) = (&pairs[..count], &pairs[1..=count], &pairs[2..count + 2]);
+        for x in 0..count {
+            let ([s0, s1], [s2, s3], [s4, _]) = (a[x], b[x], c[x]);
+            self.row[x] = ((s0 + s4) + 4.0 * (s1 + s3) + 6.0 * s2) * (1.0 / 256.0);
         }
     }
 }
