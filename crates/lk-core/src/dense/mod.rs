@@ -5,7 +5,7 @@
 //! ([`median`]); then a variational refinement ([`refine`]). The mean of each window is taken out, so that an offset of
 //! the light does no harm; where light has changed by more than that, `prev` is first brought to the light of `next`
 //! ([`light`], [`relight`]). Motion that the coarsest level cannot see is looked for where windows are left without a match
-//! ([`search`]). The last step or round
+//! ([`search`]). Whether either may be called for is asked beside the coarsest levels ([`looks`]). The last step or round
 //! also judges how well its windows fit ([`judge`]), and what is not to be trusted is marked ([`assess`]).
 //!
 //! What steps and rounds of refinement share is a stream of rows of window sums ([`windows`]): warped ([`warp`]), summed
