@@ -199,7 +199,7 @@ impl Descent<'_> {
             longest: 0.0,
             ..options
         };
-        let execution = &self.options.execution;
+        let execution = self.execution;
         step::sparse_step(
             views,
             &options,
