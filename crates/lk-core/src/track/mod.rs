@@ -34,7 +34,7 @@ pub use stream::{PointTracker, StreamPoint};
 
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel};
-use crate::parallel::{RowsMut, for_each_band, within_pool};
+use crate::parallel::{RowsMut, both, for_each_band, within_pool};
 use crate::pyramid::Pyramid;
 use retry::Memory;
 use solve::{Problem, Workspace};
@@ -77,8 +77,11 @@ pub fn track_points<T: Pixel>(
             next: after,
             memory,
         } = memory;
-        before.rebuild(prev, levels, &options.execution)?;
-        after.rebuild(next, levels, &options.execution)?;
+        both(
+            &options.execution,
+            || before.rebuild(prev, levels, &options.execution),
+            || after.rebuild(next, levels, &options.execution),
+        )?;
         track_keeping(before, after, points, guesses, options, memory, &mut tracks)
     })?;
     if width * height <= LARGEST_KEPT {

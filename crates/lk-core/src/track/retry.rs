@@ -21,6 +21,10 @@ pub(crate) const MAX_CANDIDATES: usize = 10;
 /// Share of the points that must be lost before the frame is correlated.
 const SEED_SHARE: f32 = 0.1;
 
+/// Where so many are lost, one of so many is tried first; one of so many of those must be found.
+const SAMPLE: usize = 8;
+const LEAST_FOUND: usize = 64;
+
 /// Points that one thread takes at least.
 const MIN_POINTS: usize = 8;
 
@@ -28,6 +32,8 @@ const MIN_POINTS: usize = 8;
 #[derive(Debug, Default)]
 pub(crate) struct Memory {
     pending: Vec<u32>,
+    /// All that are pending while some of them are tried.
+    waiting: Vec<u32>,
     results: Vec<TrackedPoint>,
     grid: Grid,
     seeds: Seeds,
@@ -49,6 +55,7 @@ impl Memory {
     /// Make room for so many points.
     pub(crate) fn reserve(&mut self, points: usize) {
         reserve(&mut self.pending, points);
+        reserve(&mut self.waiting, points);
         reserve(&mut self.results, points);
         self.grid.reserve(points);
         self.deformed.reserve(points);
@@ -78,57 +85,96 @@ impl Memory {
         if lost >= SEED_SHARE * (lost + found as f32) {
             self.seeds = Seeds::find(problem.prev, problem.next, execution)?;
         }
+        if lost >= SEED_SHARE * (lost + found as f32)
+            && !self.is_promising(problem, points, tracks)?
+        {
+            return Ok(());
+        }
         for round in 0..ROUNDS {
-            let seen: &[TrackedPoint] = tracks;
-            self.grid
-                .fill(problem.size(), points, |index| seen[index].is_valid());
-            let (pending, seeds, grid) = (&self.pending, &self.seeds, &self.grid);
-            self.results.clear();
-            self.results
-                .resize(pending.len(), TrackedPoint::lost(PointStatus::HighResidual));
-            for_each_band(
-                execution,
-                pending.len(),
-                MIN_POINTS,
-                RowsMut::new(&mut self.results, 1),
-                |range, part| {
-                    Workspace::with(|workspace| {
-                        for (result, entry) in part.data.iter_mut().zip(range) {
-                            let index = pending[entry] as usize;
-                            let point = points[index];
-                            let mut candidates = Candidates::default();
-                            for (_, near) in grid.nearest::<NEIGHBOURS>(points, point) {
-                                let (from, to) = (points[near], seen[near].position);
-                                candidates
-                                    .add([f64::from(to[0] - from[0]), f64::from(to[1] - from[1])]);
-                            }
-                            if round == 0 {
-                                seeds.at(point).for_each(|seed| candidates.add(seed));
-                            }
-                            *result =
-                                problem.retrack(point, candidates.list(), seeds.level(), workspace);
-                        }
-                    });
-                },
-            )?;
-            let mut kept = 0;
-            for entry in 0..self.pending.len() {
-                let index = self.pending[entry];
-                let result = self.results[entry];
-                if result.is_valid() {
-                    tracks[index as usize] = result;
-                } else {
-                    self.pending[kept] = index;
-                    kept += 1;
-                }
-            }
-            let new = self.pending.len() - kept;
-            self.pending.truncate(kept);
-            if new == 0 || kept == 0 {
+            let new = self.round(problem, points, tracks, round == 0)?;
+            if new == 0 || self.pending.is_empty() {
                 break;
             }
         }
         Ok(())
+    }
+
+    /// Try some of the many that are lost; whether so many are found that the others are worth it. Between frames that
+    /// have nothing in common, or where the light changes more than the model knows, all tries would be in vain.
+    fn is_promising(
+        &mut self,
+        problem: &Problem<'_>,
+        points: &[[f32; 2]],
+        tracks: &mut [TrackedPoint],
+    ) -> Result<bool> {
+        if self.pending.len() < SAMPLE * SAMPLE {
+            return Ok(true);
+        }
+        std::mem::swap(&mut self.pending, &mut self.waiting);
+        self.pending.clear();
+        self.pending.extend(self.waiting.iter().step_by(SAMPLE));
+        let tried = self.pending.len();
+        let new = self.round(problem, points, tracks, true)?;
+        std::mem::swap(&mut self.pending, &mut self.waiting);
+        self.pending
+            .retain(|index| !tracks[*index as usize].is_valid());
+        Ok(new * LEAST_FOUND >= tried)
+    }
+
+    /// Try each pending point from where its neighbours and, if wanted, the seeds point; how many were found.
+    fn round(
+        &mut self,
+        problem: &Problem<'_>,
+        points: &[[f32; 2]],
+        tracks: &mut [TrackedPoint],
+        seeded: bool,
+    ) -> Result<usize> {
+        let seen: &[TrackedPoint] = tracks;
+        self.grid
+            .fill(problem.size(), points, |index| seen[index].is_valid());
+        let (pending, seeds, grid) = (&self.pending, &self.seeds, &self.grid);
+        self.results.clear();
+        self.results
+            .resize(pending.len(), TrackedPoint::lost(PointStatus::HighResidual));
+        for_each_band(
+            &problem.options.execution,
+            pending.len(),
+            MIN_POINTS,
+            RowsMut::new(&mut self.results, 1),
+            |range, part| {
+                Workspace::with(|workspace| {
+                    for (result, entry) in part.data.iter_mut().zip(range) {
+                        let index = pending[entry] as usize;
+                        let point = points[index];
+                        let mut candidates = Candidates::default();
+                        for (_, near) in grid.nearest::<NEIGHBOURS>(points, point) {
+                            let (from, to) = (points[near], seen[near].position);
+                            candidates
+                                .add([f64::from(to[0] - from[0]), f64::from(to[1] - from[1])]);
+                        }
+                        if seeded {
+                            seeds.at(point).for_each(|seed| candidates.add(seed));
+                        }
+                        *result =
+                            problem.retrack(point, candidates.list(), seeds.level(), workspace);
+                    }
+                });
+            },
+        )?;
+        let mut kept = 0;
+        for entry in 0..self.pending.len() {
+            let index = self.pending[entry];
+            let result = self.results[entry];
+            if result.is_valid() {
+                tracks[index as usize] = result;
+            } else {
+                self.pending[kept] = index;
+                kept += 1;
+            }
+        }
+        let new = self.pending.len() - kept;
+        self.pending.truncate(kept);
+        Ok(new)
     }
 }
 

@@ -25,6 +25,9 @@ const REACH: f32 = 5.0;
 const CELLS: (usize, usize) = (6, 4);
 const SEARCHES: usize = 2;
 
+/// Of the points that are searched for, so many come first.
+const FIRST_CELLS: usize = 7;
+
 /// The levels from which a neighbour's motion, and a point's own displacement, are followed down.
 const NEAR_LEVEL: usize = 1;
 const OWN_LEVEL: usize = 2;
@@ -62,6 +65,8 @@ pub(super) struct Deformed {
     open: Vec<u32>,
     /// The open points while a few of them are searched for.
     waiting: Vec<u32>,
+    /// Those that are searched for where the first are found.
+    later: Vec<u32>,
     found: Vec<Attempt>,
     grid: Grid,
     search: SearchMemory,
@@ -82,6 +87,7 @@ impl Deformed {
         reserve(&mut self.states, points);
         reserve(&mut self.open, points);
         reserve(&mut self.waiting, points);
+        reserve(&mut self.later, CELLS.0 * CELLS.1);
         reserve(&mut self.found, points);
         self.grid.reserve(points);
         self.search.reserve();
@@ -183,7 +189,7 @@ impl Deformed {
                     found: problem.deform(point, &state.before, starts.list(), aligner),
                 }
             };
-            let new = self.run(problem, tracks, take)?;
+            let new = self.run(problem, tracks, &take)?;
             if new == 0 {
                 break;
             }
@@ -251,7 +257,28 @@ impl Deformed {
                 found: problem.deform(point, &state.before, starts.list(), aligner),
             }
         };
-        let new = self.run(problem, tracks, take)?;
+        let mut new = 0;
+        if self.open.len() > FIRST_CELLS {
+            // Some of them first, in all parts of the frame: where none is found, the others are not sought.
+            self.later.clear();
+            let step = self.open.len().div_ceil(FIRST_CELLS);
+            let mut entry = 0;
+            let later = &mut self.later;
+            self.open.retain(|index| {
+                entry += 1;
+                let first = (entry - 1) % step == 0;
+                if !first {
+                    later.push(*index);
+                }
+                first
+            });
+            new += self.run(problem, tracks, &take)?;
+            self.open.clear();
+            if new > 0 {
+                std::mem::swap(&mut self.open, &mut self.later);
+            }
+        }
+        new += self.run(problem, tracks, &take)?;
         let states = &self.states;
         std::mem::swap(&mut self.open, &mut self.waiting);
         self.open
@@ -264,7 +291,7 @@ impl Deformed {
         &mut self,
         problem: &Problem<'_>,
         tracks: &mut [TrackedPoint],
-        take: impl Fn(&[State], &Grid, usize, &mut Aligner) -> Attempt + Sync,
+        take: &(impl Fn(&[State], &Grid, usize, &mut Aligner) -> Attempt + Sync),
     ) -> Result<usize> {
         let (open, states, grid) = (&self.open, &self.states, &self.grid);
         self.found.clear();
