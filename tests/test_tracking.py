@@ -139,6 +139,20 @@ def test_unrelated_and_covered_pictures_are_not_called_good():
     assert rsflow.track_points(prev, covered, hidden).valid.mean() <= 0.05
 
 
+def test_a_few_points_that_move_alike_are_kept_where_all_others_are_lost():
+    prev = to_u8(frame(scene(1)))
+    nxt = to_u8(frame(scene(2), noise_seed=1))
+    seen = (slice(80, 155), slice(100, 175))
+    nxt[seen] = to_u8(frame(scene(1), 2.3, -1.2, noise_seed=2))[seen]
+    points = grid(step=8, margin=20)
+    tracks = rsflow.track_points(prev, nxt, points)
+    inside = ((points > (115, 95)) & (points < (160, 140))).all(axis=1)
+    assert tracks.valid.mean() < 0.1
+    assert tracks.valid[inside].mean() > 0.95
+    assert np.median(errors(tracks, (2.3, -1.2))) < 0.03
+    assert (errors(tracks, (2.3, -1.2)) > 1).sum() <= 1
+
+
 def test_initial_guess_is_used():
     picture = scene(8)
     prev, after = to_u8(frame(picture)), to_u8(frame(picture, 30.2, 0.4, noise_seed=1))

@@ -32,7 +32,8 @@ class PointStatus(IntEnum):
     NOT_CONVERGED = 3
     """The steps did not come to rest, or went further than `max_displacement`."""
     HIGH_RESIDUAL = 4
-    """What was found does not look like what was sought."""
+    """What was found does not look like what was sought; or nine in ten of many points are lost, and no neighbour moves
+    like this one."""
     FORWARD_BACKWARD = 5
     """Tracked back, the point did not return to where it came from."""
     MASKED = 6

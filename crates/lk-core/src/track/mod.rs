@@ -23,6 +23,7 @@ mod stream;
 #[cfg(test)]
 mod tests;
 mod warp;
+mod witness;
 
 use std::cell::Cell;
 
@@ -38,6 +39,7 @@ use crate::parallel::{RowsMut, both, for_each_band, within_pool};
 use crate::pyramid::Pyramid;
 use retry::Memory;
 use solve::{Problem, Workspace};
+use witness::drop_the_lonely;
 
 /// Points that one thread takes at least: some 50 us of work.
 const MIN_POINTS: usize = 16;
@@ -215,7 +217,9 @@ fn track_keeping(
         },
     )?;
     memory.retry(&problem, points, tracks)?;
-    memory.deformed.find(&problem, points, tracks)
+    memory.deformed.find(&problem, points, tracks)?;
+    drop_the_lonely(&problem, points, tracks, &mut memory.grid);
+    Ok(())
 }
 
 /// Whether the pixel that `point` is in is excluded.

@@ -213,7 +213,8 @@ pub enum PointStatus {
     LowTexture = 2,
     /// The steps did not come to rest.
     NotConverged = 3,
-    /// What was found does not look like what was sought.
+    /// What was found does not look like what was sought; or nine in ten of many points are lost, and no neighbour moves
+    /// like this one.
     HighResidual = 4,
     /// Tracked back, the point did not return to where it came from.
     ForwardBackward = 5,

@@ -35,7 +35,7 @@ pub(crate) struct Memory {
     /// All that are pending while some of them are tried.
     waiting: Vec<u32>,
     results: Vec<TrackedPoint>,
-    grid: Grid,
+    pub(super) grid: Grid,
     seeds: Seeds,
     pub(super) deformed: Deformed,
 }

@@ -13,6 +13,7 @@ use crate::track::options::TrackedPoint;
 use crate::track::search::{Search, SearchMemory};
 use crate::track::solve::Problem;
 use crate::track::warp::Warp;
+use crate::track::witness::{AGREEING, WITNESSES, agrees};
 
 /// Rounds in which found points help their neighbours, and tries for one point.
 const ROUNDS: usize = 48;
@@ -31,11 +32,6 @@ const FIRST_CELLS: usize = 7;
 /// The levels from which a neighbour's motion, and a point's own displacement, are followed down.
 const NEAR_LEVEL: usize = 1;
 const OWN_LEVEL: usize = 2;
-
-/// Of so many points around, the point itself among them, so many must agree, and to how many pixels: so many, and so many more for each pixel between them.
-const WITNESSES: usize = 6;
-const AGREEING: usize = 2;
-const AGREEMENT: (f64, f64) = (1.0, 0.05);
 
 /// Points that one thread takes at least.
 const MIN_POINTS: usize = 2;
@@ -353,13 +349,11 @@ impl Deformed {
                 let from = points[near];
                 let offset = [from[0] - point[0], from[1] - point[1]].map(f64::from);
                 let expected = warp.displacement(offset);
-                let limit = AGREEMENT.0 + AGREEMENT.1 * offset[0].hypot(offset[1]);
                 // The point itself is no witness.
                 near != index
-                    && self.states[near].warp.is_some_and(|seen| {
-                        let seen = seen.shift;
-                        (expected[0] - seen[0]).hypot(expected[1] - seen[1]) < limit
-                    })
+                    && self.states[near]
+                        .warp
+                        .is_some_and(|seen| agrees(expected, seen.shift, offset))
             };
             let near = self.grid.nearest::<WITNESSES>(points, *point);
             if near.filter(|(_, near)| agrees(*near)).count() < AGREEING {
