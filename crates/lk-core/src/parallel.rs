@@ -419,25 +419,6 @@ fn busy<R>(work: impl FnOnce() -> R) -> R {
     work()
 }
 
-/// Do both, at the same time where there is more than one thread.
-///
-/// # Errors
-///
-/// The first one of `first` and `second`, and those of [`within_pool`].
-pub(crate) fn both(
-    execution: &Execution,
-    first: impl FnOnce() -> Result<()> + Send,
-    second: impl FnOnce() -> Result<()> + Send,
-) -> Result<()> {
-    if execution.num_threads() == 1 {
-        return first().and_then(|()| second());
-    }
-    within_pool(execution, || {
-        let (first, second) = rayon::join(first, second);
-        first.and(second)
-    })
-}
-
 fn halve<S, F>(
     execution: &Execution,
     rows: Range<usize>,
@@ -663,27 +644,6 @@ mod tests {
         assert_eq!(bands(2, 20), 16);
         assert_eq!(bands(8, 480), 60);
         assert_eq!(bands(64, 480), 16);
-    }
-
-    #[test]
-    fn both_are_done_and_the_first_error_is_told() {
-        for threads in [1, 2] {
-            let execution = Execution::default().threads(threads);
-            let (mut one, mut other) = (0, 0);
-            let set = |to: &mut i32| {
-                *to += 1;
-                Ok(())
-            };
-            both(&execution, || set(&mut one), || set(&mut other)).unwrap();
-            assert_eq!((one, other), (1, 1));
-            let error = |name: &'static str| Err(Error::option(name, 1, "another"));
-            let result = both(&execution, || error("first"), || error("second"));
-            assert_eq!(result, error("first"));
-            assert_eq!(
-                both(&execution, || Ok(()), || error("second")),
-                error("second")
-            );
-        }
     }
 
     #[test]

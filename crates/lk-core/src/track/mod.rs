@@ -79,11 +79,12 @@ pub fn track_points<T: Pixel>(
             next: after,
             memory,
         } = memory;
-        both(
+        let (first, second) = both(
             &options.execution,
             || before.rebuild(prev, levels, &options.execution),
             || after.rebuild(next, levels, &options.execution),
         )?;
+        first.and(second)?;
         track_keeping(before, after, points, guesses, options, memory, &mut tracks)
     })?;
     if width * height <= LARGEST_KEPT {
