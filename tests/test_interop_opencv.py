@@ -54,9 +54,10 @@ def test_points_go_where_opencv_has_them(call):
     both = (got[1] & want[1])[:, 0] == 1
     difference = np.linalg.norm((got[0] - want[0])[both, 0], axis=1)
     assert np.median(difference) < 0.01
-    # Windows over the border: OpenCV's gradients are zero out there, ours are those of the mirrored picture.
     inner = ((start > 40) & (start < np.float32(prev.shape[::-1]) - 40)).all(axis=2)[:, 0][both]
     assert np.quantile(difference[inner], 0.9) < 0.02
+    # Over the border too: gradients are zero out there.
+    assert np.quantile(difference, 0.9) < 0.03
     error = np.abs(got[2] - want[2])[both, 0]
     assert np.median(error) < 0.02 * np.median(want[2][both]) + 0.02
 

@@ -255,6 +255,7 @@ impl Search<'_> {
                 scratch: &mut self.scratch,
             },
         );
+        self.template.flatten_outside(&self.prev[level], centre);
         let [.., xx, xy, yy] = self.template.sums.products;
         let determinant = xx * yy - xy * xy;
         let weakest = 0.5 * (xx + yy - ((xx - yy) * (xx - yy) + 4.0 * xy * xy).sqrt());

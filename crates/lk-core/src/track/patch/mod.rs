@@ -7,6 +7,7 @@
 //! [`super::normal::Normal`].
 
 mod compare;
+mod outside;
 mod region;
 mod sampling;
 mod template;
