@@ -9,7 +9,7 @@ use std::cell::Cell;
 use crate::frame::Plane;
 use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, dispatch, dispatch_eight};
 use crate::track::noise::Gradients;
-use crate::track::normal::Light;
+use crate::track::normal::{GAIN_RANGE, Light, SIMPLER, unit_noise};
 use crate::track::patch::{MAX_SIDE, Window};
 use crate::track::warp::{Positions, SampleWarped, Warp, inverted, product};
 
@@ -95,7 +95,8 @@ impl Aligner {
         } = *question;
         let gradients = self.build(question);
         let count = window.width * window.height;
-        let normal = Factor::new(&self.square(count, question.level), light)?;
+        let square = self.square(count, question.level);
+        let normal = Factor::new(&square, light)?;
         let half = 0.5 * window.width.max(window.height) as f64;
         let reach = half + 2.0;
         let mut warp = question.start;
@@ -129,42 +130,44 @@ impl Aligner {
             if !squared.is_finite() {
                 return None;
             }
-            let found = normal.solve(&sums);
-            let gain = 1.0 + found[9];
-            let usable = gain.clamp(0.25, 4.0);
-            let step = found.map(|unknown| unknown / usable);
-            let change = [
-                [1.0 + step[1] / half, step[2] / half],
-                [step[4] / half, 1.0 + step[5] / half],
-            ];
-            let matrix = product(warp.matrix, inverted(change));
-            let by = Warp { matrix, ..warp }.turn([step[0], step[3]]);
-            let next = Warp {
-                shift: [warp.shift[0] - by[0], warp.shift[1] - by[1]],
-                matrix,
-            };
-            let size = step[..6].iter().map(|part| part * part).sum::<f64>().sqrt();
+            let step = Step::new(&normal, &sums, squared);
+            let next = step.apply(warp, half);
+            let size = step.size();
             let start = question.start.shift;
             let moved = (next.shift[0] - start[0]).hypot(next.shift[1] - start[1]);
             if !next.is_plausible() || moved > reach || moved.is_nan() {
                 return None;
             }
-            warp = next;
             // Steps shrink by a steady factor, so this is how far the rest of them would lead.
             let factor = (size / last).max(0.2);
             if factor < 1.0 && size * factor / (1.0 - factor) < question.tolerance {
-                let explained: f64 = found.iter().zip(&sums).map(|(a, b)| a * b).sum();
-                let left = (squared - explained).max(0.0);
-                let free = (count as f64 - normal.unknowns() as f64).max(1.0);
+                let variance = |normal: &Factor, left: f64| {
+                    left / (count as f64 - normal.unknowns() as f64).max(1.0)
+                };
+                // The simplest lighting model that the window does not speak against, as for a displacement alone.
+                let limit = unit_noise(variance(&normal, step.left));
+                let simpler =
+                    SIMPLER
+                        .iter()
+                        .filter(|_| light.has_tilt())
+                        .find_map(|(simple, quantile)| {
+                            let normal = Factor::new(&square, *simple)?;
+                            let taken = Step::new(&normal, &sums, squared);
+                            (taken.left - step.left <= quantile * limit).then_some((normal, taken))
+                        });
+                let (normal, step) = simpler.unwrap_or((normal, step));
+                let warp = step.apply(warp, half);
+                let gain = step.gain;
                 return Some(Answer {
                     warp,
                     gain,
-                    variance: left / free,
+                    variance: variance(&normal, step.left),
                     signal: gain * gain * normal.contrast / count as f64,
                     unit_covariance: normal.covariance(&warp, gain),
                     gradients,
                 });
             }
+            warp = next;
             last = size;
         }
         None
@@ -312,6 +315,53 @@ impl EightKernel for Square<'_> {
             *sums = L::sums(&products);
         }
         sums
+    }
+}
+
+/// One step of the least squares.
+struct Step {
+    /// The unknowns, over the gain.
+    by: [f64; UNKNOWNS],
+    gain: f64,
+    /// Sum of squares that is left after it.
+    left: f64,
+}
+
+impl Step {
+    fn new(normal: &Factor, sums: &[f64; UNKNOWNS], squared: f64) -> Self {
+        let found = normal.solve(sums);
+        let explained: f64 = found.iter().zip(sums).map(|(a, b)| a * b).sum();
+        let gain = 1.0 + found[9];
+        let usable = gain.clamp(GAIN_RANGE.0, GAIN_RANGE.1);
+        Self {
+            by: found.map(|unknown| unknown / usable),
+            gain,
+            left: (squared - explained).max(0.0),
+        }
+    }
+
+    /// How far it moves the window's rim, in pixels.
+    fn size(&self) -> f64 {
+        self.by[..6]
+            .iter()
+            .map(|part| part * part)
+            .sum::<f64>()
+            .sqrt()
+    }
+
+    /// `warp` after the step, for a window of so many pixels from the centre to the rim.
+    fn apply(&self, warp: Warp, half: f64) -> Warp {
+        let by = &self.by;
+        let change = [
+            [1.0 + by[1] / half, by[2] / half],
+            [by[4] / half, 1.0 + by[5] / half],
+        ];
+        let matrix = product(warp.matrix, inverted(change));
+        let moved = Warp { matrix, ..warp }.turn([by[0], by[3]]);
+        Warp {
+            shift: [warp.shift[0] - moved[0], warp.shift[1] - moved[1]],
+            matrix,
+        }
     }
 }
 

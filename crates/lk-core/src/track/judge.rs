@@ -2,7 +2,7 @@
 
 use crate::illumination::Illumination;
 use crate::track::noise::{Samples, spread};
-use crate::track::normal::{GAIN_RANGE, Light, Normal};
+use crate::track::normal::{GAIN_RANGE, Normal, SIMPLER};
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::patch::Template;
 use crate::track::solve::{Problem, Rest, Workspace, inside};
@@ -28,15 +28,6 @@ pub(super) struct Fit {
     pub(super) covariance: [f64; 3],
     pub(super) gain: f64,
 }
-
-/// Lighting models within "gain_offset", the simplest first, and how much more than the full one they may leave: the
-/// 90 % quantile of chi squared for the unknowns that they lack.
-const SIMPLER: [(Light, f64); 4] = [
-    (Light::STEADY, 7.78),
-    (Light::OFFSET, 6.25),
-    (Light::GAIN_OFFSET, 4.61),
-    (Light::TILTED_OFFSET, 2.71),
-];
 
 impl Problem<'_> {
     /// The fit after the last step, under the simplest lighting model that the window does not speak against: an

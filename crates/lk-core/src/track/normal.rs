@@ -79,6 +79,23 @@ impl Light {
     }
 }
 
+/// Lighting models within "gain_offset", the simplest first, and how much more than the full one they may leave: the
+/// 90 % quantile of chi squared for the unknowns that they lack.
+pub(super) const SIMPLER: [(Light, f64); 4] = [
+    (Light::STEADY, 7.78),
+    (Light::OFFSET, 6.25),
+    (Light::GAIN_OFFSET, 4.61),
+    (Light::TILTED_OFFSET, 2.71),
+];
+
+/// By how much one more unknown that explains nothing lowers the sum of squares, for a mean square of what is left: the
+/// noise of smooth functions of the coordinates, over which the spline's correlation adds up.
+pub(super) fn unit_noise(variance: f64) -> f64 {
+    let [one, two] = NOISE_CORRELATION;
+    let along = 1.0 + 2.0 * (one + two);
+    variance * along * along
+}
+
 /// The normal equations of one template, inverted.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Normal {
@@ -244,12 +261,9 @@ impl Normal {
         left / (self.area - unknowns).max(1.0)
     }
 
-    /// By how much one more unknown that explains nothing lowers the sum of squares: the noise of smooth functions of
-    /// the coordinates, over which the spline's correlation adds up.
+    /// [`unit_noise`] of what is left.
     pub(crate) fn noise(&self, left: f64) -> f64 {
-        let [one, two] = NOISE_CORRELATION;
-        let along = 1.0 + 2.0 * (one + two);
-        self.variance(left) * along * along
+        unit_noise(self.variance(left))
     }
 
     /// Mean square of the window's own grey levels, without what an offset explains, times the squared gain.
