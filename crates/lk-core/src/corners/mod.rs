@@ -11,8 +11,8 @@ use ndarray::ArrayView2;
 
 pub use options::CornerOptions;
 
-use crate::error::{Error, Result};
-use crate::frame::{Frame, Pixel, Plane};
+use crate::error::Result;
+use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::parallel::for_each_band;
 use crate::scratch::with_scratch;
 use response::TensorRows;
@@ -92,14 +92,8 @@ impl CornerDetector {
         options.validate()?;
         corners.clear();
         let (width, height) = (plane.width(), plane.height());
-        if let Some(mask) = mask
-            && mask.dim() != (height, width)
-        {
-            return Err(Error::shape(
-                "mask",
-                format!("({}, {})", mask.dim().0, mask.dim().1),
-                format!("the shape of the frame, ({height}, {width})"),
-            ));
+        if let Some(mask) = mask {
+            expect_size("mask", mask.dim(), "the frame", (height, width))?;
         }
         if width < 3 || height < 3 {
             return Ok(());

@@ -5,7 +5,7 @@
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
-use crate::frame::{Frame, Pixel, Plane};
+use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::parallel::{RowsMut, for_each_band};
 use crate::pyramid::Pyramid;
 use crate::simd::{Level, dispatch_eight};
@@ -144,13 +144,7 @@ pub fn track_bouguet<T: Pixel>(
             format!("3 to {MAX_WINDOW} pixels a side"),
         ));
     }
-    if next.dim() != prev.dim() {
-        return Err(Error::shape(
-            "nextImg",
-            format!("{:?}", next.dim()),
-            format!("the shape of prevImg, {:?}", prev.dim()),
-        ));
-    }
+    expect_size("nextImg", next.dim(), "prevImg", prev.dim())?;
     if initial.is_some_and(|initial| initial.len() != points.len()) {
         return Err(Error::shape(
             "nextPts",

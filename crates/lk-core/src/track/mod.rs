@@ -34,7 +34,7 @@ pub use options::{PointStatus, TrackOptions, TrackedPoint};
 pub use stream::{PointTracker, StreamPoint};
 
 use crate::error::{Error, Result};
-use crate::frame::{Frame, Pixel};
+use crate::frame::{Frame, Pixel, expect_size};
 use crate::parallel::{RowsMut, both, for_each_band, within_pool};
 use crate::pyramid::Pyramid;
 use retry::Memory;
@@ -62,13 +62,7 @@ pub fn track_points<T: Pixel>(
 ) -> Result<Vec<TrackedPoint>> {
     options.validate()?;
     let (height, width) = prev.dim();
-    if next.dim() != prev.dim() {
-        return Err(Error::shape(
-            "next",
-            format!("({}, {})", next.dim().0, next.dim().1),
-            format!("the shape of prev, ({height}, {width})"),
-        ));
-    }
+    expect_size("next", next.dim(), "prev", prev.dim())?;
     let mut kept = KEPT.take();
     let mut tracks = Vec::new();
     let guesses = Guesses { initial, mask };
@@ -160,13 +154,7 @@ fn track_keeping(
             .map_or((0, 0), |plane| (plane.height(), plane.width()))
     };
     let (height, width) = size(prev);
-    if size(next) != (height, width) {
-        return Err(Error::shape(
-            "next",
-            format!("{:?}", size(next)),
-            format!("the shape of prev, ({height}, {width})"),
-        ));
-    }
+    expect_size("next", size(next), "prev", (height, width))?;
     if let Some(initial) = initial
         && initial.len() != points.len()
     {
@@ -176,14 +164,8 @@ fn track_keeping(
             format!("one for each of the {} points", points.len()),
         ));
     }
-    if let Some(mask) = mask
-        && mask.dim() != (height, width)
-    {
-        return Err(Error::shape(
-            "mask",
-            format!("({}, {})", mask.dim().0, mask.dim().1),
-            format!("the shape of the frames, ({height}, {width})"),
-        ));
+    if let Some(mask) = mask {
+        expect_size("mask", mask.dim(), "the frames", (height, width))?;
     }
     tracks.clear();
     tracks.resize(points.len(), TrackedPoint::lost(PointStatus::OutOfFrame));

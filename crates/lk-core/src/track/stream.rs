@@ -4,7 +4,7 @@ use ndarray::ArrayView2;
 
 use crate::corners::{Corner, CornerDetector, CornerOptions};
 use crate::error::{Error, Result};
-use crate::frame::{Frame, Pixel};
+use crate::frame::{Frame, Pixel, expect_size};
 use crate::parallel::within_pool;
 use crate::pyramid::Pyramid;
 use crate::track::grid::reserve;
@@ -141,14 +141,8 @@ impl PointTracker {
                 ),
             ));
         }
-        if let Some(mask) = mask
-            && mask.dim() != (height, width)
-        {
-            return Err(Error::shape(
-                "mask",
-                format!("({}, {})", mask.dim().0, mask.dim().1),
-                format!("the shape of the frame, ({height}, {width})"),
-            ));
+        if let Some(mask) = mask {
+            expect_size("mask", mask.dim(), "the frame", (height, width))?;
         }
         if self.size.is_none() {
             self.reserve(width * height);
