@@ -163,7 +163,7 @@ impl Descent<'_> {
         };
         for level in (0..first).rev() {
             self.memory.halved = Some(2.0);
-            self.level(level, level == 0)?;
+            self.level(level, true)?;
             if level > 0 {
                 self.whole(level)?;
             }
@@ -272,18 +272,18 @@ impl Descent<'_> {
         Ok(())
     }
 
-    /// Improve the flow of one level. With `ends` it is the last one: flow and energies may be of half the size
-    /// afterwards, and the last step or round judges the flow if it can.
-    pub(super) fn level(&mut self, level: usize, ends: bool) -> Result<()> {
+    /// Improve the flow of one level. With `once` nothing on this level comes afterwards: flow and energies may be of half
+    /// the size then, and on the finest level the last step or round judges the flow if it can.
+    pub(super) fn level(&mut self, level: usize, once: bool) -> Result<()> {
         let (execution, recipe) = (self.execution, &self.options.recipe);
         let (of_level, options) = (self.level_recipe(level), self.step_options(level));
         for cycle in 0..of_level.cycles {
-            let ends = ends && cycle + 1 == of_level.cycles;
+            let ends = once && cycle + 1 == of_level.cycles;
             for taken in 0..of_level.steps {
                 execution.check()?;
                 let last = taken + 1 == of_level.steps;
                 let sparse = taken < of_level.sparse && (ends || !last);
-                let judges = ends && sparse && last && of_level.rounds == 0;
+                let judges = ends && level == 0 && sparse && last && of_level.rounds == 0;
                 if !sparse {
                     self.whole(level)?;
                 }
@@ -331,7 +331,7 @@ impl Descent<'_> {
             }
             for round in 0..of_level.rounds {
                 execution.check()?;
-                let judges = ends && round + 1 == of_level.rounds;
+                let judges = ends && level == 0 && round + 1 == of_level.rounds;
                 self.whole(level)?;
                 let Memory {
                     flow,
