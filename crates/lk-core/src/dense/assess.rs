@@ -74,7 +74,7 @@ pub(super) fn assess(
                         };
                         dispatch_lanes(level, kernel);
                     }
-                    let flow = views.flow(y, 0..width, row_of_flow);
+                    let flow = views.flow(level, y, 0..width, row_of_flow);
                     let kernel = Inside {
                         y: y as f32,
                         size: [(width - 1) as f32, (height - 1) as f32],

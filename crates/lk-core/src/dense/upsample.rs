@@ -5,6 +5,7 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::{even_bands, for_each_band};
+use crate::simd::{Floats, LANES, LaneKernel, Level, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::grid::{self, Grid, PAD};
 
@@ -18,6 +19,7 @@ pub(super) fn upsample(
     execution: &Execution,
 ) -> Result<()> {
     fine.resize(width, height);
+    let level = execution.simd_level();
     for_each_band(
         execution,
         height,
@@ -25,24 +27,55 @@ pub(super) fn upsample(
         fine.rows_mut(),
         |rows, mut part| {
             for (local, y) in rows.enumerate() {
-                row(coarse, y, 0..width, scale, part.row_mut(local));
+                row(level, coarse, y, 0..width, scale, part.row_mut(local));
             }
         },
     )
 }
 
 /// Columns of row `y` of [`upsample`], from an even one on, padded.
-pub(super) fn row(coarse: &Grid, y: usize, columns: Range<usize>, scale: f32, to: &mut [f32]) {
-    let a = coarse.padded(y / 2);
-    let b = coarse.padded((y / 2 + y % 2).min(coarse.height() - 1));
-    let (half, first) = (columns.len().div_ceil(2), PAD + columns.start / 2);
-    let (a, b) = (&a[first..=first + half], &b[first..=first + half]);
-    let (pairs, _) = to[PAD..].as_chunks_mut::<2>();
-    let pairs = &mut pairs[..half];
-    let (one, two) = (0.5 * scale, 0.25 * scale);
-    for x in 0..half {
-        let (here, there) = (a[x] + b[x], a[x + 1] + b[x + 1]);
-        pairs[x] = [one * here, two * (here + there)];
-    }
+pub(super) fn row(
+    level: Level,
+    coarse: &Grid,
+    y: usize,
+    columns: Range<usize>,
+    scale: f32,
+    to: &mut [f32],
+) {
+    let rows = [y / 2, (y / 2 + y % 2).min(coarse.height() - 1)];
+    let kernel = DoubleRow {
+        count: columns.len().div_ceil(2 * LANES),
+        coarse: rows.map(|y| &coarse.padded(y)[columns.start / 2..]),
+        scale,
+        to: &mut *to,
+    };
+    dispatch_lanes(level, kernel);
     grid::extend(to, columns.len());
+}
+
+/// A row between two of half the size, or on them if they are the same.
+struct DoubleRow<'a> {
+    count: usize,
+    coarse: [&'a [f32]; 2],
+    scale: f32,
+    to: &'a mut [f32],
+}
+
+impl LaneKernel for DoubleRow<'_> {
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let count = self.count;
+        let [above, below] = self
+            .coarse
+            .map(|row| [PAD, PAD + 1].map(|at| blocks(row, at, count)));
+        let to = blocks_mut(self.to, PAD, 2 * count);
+        let (one, two) = (s.splat(0.5 * self.scale), s.splat(0.25 * self.scale));
+        for i in 0..count {
+            let here = s.get(&above[0][i]) + s.get(&below[0][i]);
+            let there = s.get(&above[1][i]) + s.get(&below[1][i]);
+            let (first, second) = (one * here).interleave(two * (here + there));
+            first.put(&mut to[2 * i]);
+            second.put(&mut to[2 * i + 1]);
+        }
+    }
 }

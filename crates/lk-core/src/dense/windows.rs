@@ -38,6 +38,7 @@ impl<'a> Views<'a> {
     /// the size.
     pub(super) fn flow<'b>(
         &self,
+        level: Level,
         y: usize,
         columns: Range<usize>,
         memory: &'b mut [f32],
@@ -49,8 +50,8 @@ impl<'a> Views<'a> {
             return [self.u, self.v].map(|grid| &grid.padded(y)[columns.start..]);
         };
         let (u, v) = memory.split_at_mut(grid::stride(columns.len()));
-        upsample::row(self.u, y, columns.clone(), scale, u);
-        upsample::row(self.v, y, columns, scale, v);
+        upsample::row(level, self.u, y, columns.clone(), scale, u);
+        upsample::row(level, self.v, y, columns, scale, v);
         [u, v]
     }
 }
@@ -237,7 +238,7 @@ impl<'a> Windows<'a> {
             &mut inside[slot],
         );
         let full = &mut self.whole[y % NEAR];
-        let [u, v] = self.views.flow(y, columns.clone(), self.flow);
+        let [u, v] = self.views.flow(self.level, y, columns.clone(), self.flow);
         let kernel = WarpRow {
             from: columns.start,
             prev: &self.views.prev.row(y)[columns.clone()],
