@@ -110,8 +110,7 @@ fn gentle(width: usize, height: usize, seed: u32, slope: f32, rough: f32) -> Gri
     grid
 }
 
-/// Texture less what is asked for and the root mean square difference of one window after a step, in f64; what it lacks
-/// is negative.
+/// How well one window fits after a step, negative where something is amiss, and its mean squared difference, in f64.
 fn reference_judgement(
     views: Views<'_>,
     radius: usize,
@@ -126,10 +125,7 @@ fn reference_judgement(
     let explained = (16.0 + texture).min(6.0 * texture) - after;
     let enough = n - 0.5 * (size * size) as f64;
     let least = f64::from(judge::least_texture(size));
-    [
-        (texture - least).min(explained).min(enough),
-        after.max(0.0).sqrt(),
-    ]
+    [(texture - least).min(explained).min(enough), after.max(0.0)]
 }
 
 proptest! {
@@ -163,8 +159,8 @@ proptest! {
                 for x in 0..width.div_ceil(2) {
                     for (judged, step) in [(&of_step, steps(y, x)), (&of_round, [0.0; 2])] {
                         let want = reference_judgement(views, radius, (2 * y, 2 * x), step);
-                        for (grid, want) in [&judged.fit, &judged.misfit].into_iter().zip(want) {
-                            let got = f64::from(grid.row(y)[x]);
+                        let misfit = f64::from(judged.misfit.row(y)[x]);
+                        for (got, want) in [f64::from(judged.fit.row(y)[x]), misfit * misfit].into_iter().zip(want) {
                             prop_assert!((got - want).abs() < 2e-3 * (1.0 + want.abs()), "{x} {y}: {got} {want}");
                         }
                     }
