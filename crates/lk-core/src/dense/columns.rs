@@ -3,7 +3,7 @@
 use crate::simd::LANES;
 
 /// Bytes that the rows under way of one thread may take.
-const CACHE: usize = 1 << 19;
+const CACHE: usize = 5 << 17;
 
 /// Strips begin at whole pairs of groups of lanes: rows that are split into even and odd pixels then split alike.
 const STEP: usize = 2 * LANES;
