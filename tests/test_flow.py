@@ -122,7 +122,7 @@ def test_a_sequence_gives_what_pairs_give() -> None:
 def test_a_frame_of_another_size_is_refused_and_the_next_is_a_first_one() -> None:
     flow = rsflow.DenseFlow(preset="fast")
     flow.update(scene())
-    with pytest.raises(rsflow.ShapeError, match=r"next: got \(60, 160\), expected the size of prev, \(120, 160\)"):
+    with pytest.raises(rsflow.ShapeError, match=r"next: got \(60, 160\), expected the shape of prev, \(120, 160\)"):
         flow.update(scene()[:60])
     assert flow.update(scene()[:60]) is None
 
@@ -198,7 +198,7 @@ def test_small_and_empty_frames_are_answered() -> None:
             r"initial: got \(12, 16, 2\), expected \(120, 160, 2\)",
         ),
         ({"initial": np.zeros((120, 160, 2), complex)}, rsflow.DTypeError, "initial: got dtype complex128"),
-        ({"next": np.zeros((3, 4), np.uint8)}, rsflow.ShapeError, r"next: got \(3, 4\), expected the size of prev"),
+        ({"next": np.zeros((3, 4), np.uint8)}, rsflow.ShapeError, r"next: got \(3, 4\), expected the shape of prev"),
         ({"next": np.zeros((120, 160), np.uint16)}, rsflow.DTypeError, "next: got dtype uint16, expected that of prev"),
         ({"prev": np.zeros((120, 160, 3), np.uint8)}, rsflow.ShapeError, "prev: got colour"),
         ({"prev": np.zeros((120, 160))}, rsflow.DTypeError, "prev: got dtype float64"),

@@ -95,5 +95,5 @@ def test_misuse_is_told_at_once() -> None:
     estimator = opencv.DenseFlow()
     with pytest.raises(rsflow.ShapeError, match="prev: got colour"):
         estimator.calc(np.dstack([PREV] * 3), np.dstack([NEXT] * 3), None)
-    with pytest.raises(rsflow.ShapeError, match="expected the size of prev"):
+    with pytest.raises(rsflow.ShapeError, match="expected the shape of prev"):
         estimator.calc(PREV, NEXT[:50], None)

@@ -38,7 +38,7 @@ class ShapeError(RsflowError, ValueError):
     ...     rsflow.dense_flow(np.zeros((48, 64), np.uint8), np.zeros((40, 64), np.uint8))
     ... except rsflow.ShapeError as error:
     ...     print(error)
-    next: got (40, 64), expected the size of prev, (48, 64)
+    next: got (40, 64), expected the shape of prev, (48, 64)
     """
 
 

@@ -39,7 +39,7 @@ mod windows;
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
-use crate::frame::{Frame, Pixel, Plane, scale_by};
+use crate::frame::{Frame, Pixel, Plane, expect_size, scale_by};
 use crate::grey::Greys;
 use crate::parallel::{both, within_pool};
 use crate::pyramid::Pyramid;
@@ -155,7 +155,12 @@ impl DenseFlow {
         if primed {
             std::mem::swap(&mut self.prev, &mut self.next);
             let before = &self.prev.pyramid.levels()[0];
-            check_sizes((before.height(), before.width()), frame.dim())?;
+            expect_size(
+                "next",
+                frame.dim(),
+                "prev",
+                (before.height(), before.width()),
+            )?;
         }
         let execution = self.execution(frame.len());
         within_pool(&execution, || {
@@ -186,7 +191,7 @@ impl DenseFlow {
         field: &mut FlowField,
     ) -> Result<()> {
         self.primed = false;
-        check_sizes(prev.dim(), next.dim())?;
+        expect_size("next", next.dim(), "prev", prev.dim())?;
         check_hints(prev.dim(), hints)?;
         let execution = self.execution(prev.len());
         within_pool(&execution, || {
@@ -339,27 +344,9 @@ impl Source {
     }
 }
 
-fn check_sizes(prev: (usize, usize), next: (usize, usize)) -> Result<()> {
-    if prev == next {
-        return Ok(());
-    }
-    Err(Error::shape(
-        "next",
-        format!("({}, {})", next.0, next.1),
-        format!("the size of prev, ({}, {})", prev.0, prev.1),
-    ))
-}
-
 fn check_hints((height, width): (usize, usize), hints: DenseHints<'_>) -> Result<()> {
-    if let Some(mask) = hints.mask
-        && mask.dim() != (height, width)
-    {
-        let got = format!("({}, {})", mask.dim().0, mask.dim().1);
-        return Err(Error::shape(
-            "mask",
-            got,
-            format!("that of the frames, ({height}, {width})"),
-        ));
+    if let Some(mask) = hints.mask {
+        expect_size("mask", mask.dim(), "the frames", (height, width))?;
     }
     if let Some(initial) = hints.initial
         && initial.dim() != (height, width, 2)

@@ -363,7 +363,7 @@ fn misuse_is_refused_with_a_message() {
             DenseHints::default(),
             &options
         )),
-        "next: got (4, 6), expected the size of prev, (4, 5)"
+        "next: got (4, 6), expected the shape of prev, (4, 5)"
     );
     let mask = Array2::from_elem((5, 4), true);
     let hints = DenseHints {
@@ -372,7 +372,7 @@ fn misuse_is_refused_with_a_message() {
     };
     assert_eq!(
         message(dense_flow(small.view(), small.view(), hints, &options)),
-        "mask: got (5, 4), expected that of the frames, (4, 5)"
+        "mask: got (5, 4), expected the shape of the frames, (4, 5)"
     );
     let initial = Array3::zeros((4, 5, 3));
     let hints = DenseHints {
