@@ -14,6 +14,26 @@
 //! Damping and thresholds are in grey levels of 0..255: both frames of a pair are multiplied by the power of two that
 //! the range of `prev` asks for ([`Greys::scale`]), and what is reported in grey levels is divided by it.
 
+/// Evaluate the expression with the constant `$size` for the side of windows of this radius, 1 to 3.
+macro_rules! by_radius {
+    ($radius:expr, $size:ident => $body:expr) => {
+        match $radius {
+            1 => {
+                const $size: usize = 3;
+                $body
+            }
+            2 => {
+                const $size: usize = 5;
+                $body
+            }
+            _ => {
+                const $size: usize = 7;
+                $body
+            }
+        }
+    };
+}
+
 mod assess;
 mod columns;
 mod descend;

@@ -107,41 +107,14 @@ pub(super) fn round(
                                     [fit, misfit]
                                         .map(|grid| &mut grid.row_mut(lead)[columns.start / 2..])
                                 });
-                            match recipe.radius {
-                                1 => dispatch_lanes(
-                                    level,
-                                    Prepare::<3> {
-                                        sums,
-                                        flow,
-                                        recipe,
-                                        to,
-                                        columns,
-                                        judged,
-                                    },
-                                ),
-                                2 => dispatch_lanes(
-                                    level,
-                                    Prepare::<5> {
-                                        sums,
-                                        flow,
-                                        recipe,
-                                        to,
-                                        columns,
-                                        judged,
-                                    },
-                                ),
-                                _ => dispatch_lanes(
-                                    level,
-                                    Prepare::<7> {
-                                        sums,
-                                        flow,
-                                        recipe,
-                                        to,
-                                        columns,
-                                        judged,
-                                    },
-                                ),
-                            }
+                            by_radius!(recipe.radius, SIZE => dispatch_lanes(level, Prepare::<SIZE> {
+                                sums,
+                                flow,
+                                recipe,
+                                to,
+                                columns,
+                                judged,
+                            }));
                             rows.border(lead);
                         }
                         // How far beyond the band a row must be up to date: less from half-sweep to half-sweep.

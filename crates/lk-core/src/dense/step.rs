@@ -63,17 +63,10 @@ pub(super) fn step(
                         let mut to = [u.row_mut(local), v.row_mut(local), energy.row_mut(local)]
                             .map(|row| &mut row[columns.start..]);
                         let from = [views.u, views.v].map(|grid| &grid.padded(y)[columns.start..]);
-                        match options.radius {
-                            1 => {
-                                dispatch_lanes(level, Solve::<3>::new(sums, options, from, &mut to))
-                            }
-                            2 => {
-                                dispatch_lanes(level, Solve::<5>::new(sums, options, from, &mut to))
-                            }
-                            _ => {
-                                dispatch_lanes(level, Solve::<7>::new(sums, options, from, &mut to))
-                            }
-                        }
+                        by_radius!(options.radius, SIZE => dispatch_lanes(
+                            level,
+                            Solve::<SIZE>::new(sums, options, from, &mut to)
+                        ));
                     }
                 }
             });
@@ -139,32 +132,10 @@ pub(super) fn sparse_step(
                         let judged = judged.as_mut().map(|(fit, misfit)| {
                             [fit, misfit].map(|grid| &mut grid.row_mut(local)[half..])
                         });
-                        match options.radius {
-                            1 => dispatch_lanes(
-                                level,
-                                Sparse {
-                                    solve: Solve::<3>::new(sums, options, from, &mut to),
-                                    halved,
-                                    judged,
-                                },
-                            ),
-                            2 => dispatch_lanes(
-                                level,
-                                Sparse {
-                                    solve: Solve::<5>::new(sums, options, from, &mut to),
-                                    halved,
-                                    judged,
-                                },
-                            ),
-                            _ => dispatch_lanes(
-                                level,
-                                Sparse {
-                                    solve: Solve::<7>::new(sums, options, from, &mut to),
-                                    halved,
-                                    judged,
-                                },
-                            ),
-                        }
+                        by_radius!(options.radius, SIZE => {
+                            let solve = Solve::<SIZE>::new(sums, options, from, &mut to);
+                            dispatch_lanes(level, Sparse { solve, halved, judged });
+                        });
                     }
                 }
             });

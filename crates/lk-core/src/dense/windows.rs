@@ -198,18 +198,10 @@ impl<'a> Windows<'a> {
                 self.differences(self.upcoming);
                 self.upcoming += 1;
             }
-            match self.radius {
-                1 => self.sum::<3, BOTH>(upper),
-                2 => self.sum::<5, BOTH>(upper),
-                _ => self.sum::<7, BOTH>(upper),
-            }
+            by_radius!(self.radius, SIZE => self.sum::<SIZE, BOTH>(upper));
             self.summed = Some(upper);
         }
-        match self.radius {
-            1 => self.count::<3>(y),
-            2 => self.count::<5>(y),
-            _ => self.count::<7>(y),
-        }
+        by_radius!(self.radius, SIZE => self.count::<SIZE>(y));
         let (number, inverse) = self.number.split_at(2 * self.split.half);
         Sums {
             split: self.split,
