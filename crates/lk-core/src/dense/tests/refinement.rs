@@ -8,7 +8,7 @@ use super::super::options::RefineRecipe;
 use super::super::step::StepOptions;
 use super::super::windows::Views;
 use super::super::{refine, step, upsample};
-use super::{at, noise, plane, reference_moments};
+use super::parts::{at, noise, plane, reference_moments, reference_step};
 use crate::Execution;
 use crate::simd::Level;
 
@@ -249,7 +249,7 @@ proptest! {
             step::step(views, &options, (&mut to_u, &mut to_v, &mut energy), &execution).unwrap();
             for y in 0..height {
                 for x in 0..width {
-                    let want = super::reference_step(views, &options, (y, x));
+                    let want = reference_step(views, &options, (y, x));
                     prop_assert!((f64::from(to_u.row(y)[x]) - want.0).abs() < 2e-2, "{} {}", to_u.row(y)[x], want.0);
                     prop_assert!((f64::from(to_v.row(y)[x]) - want.1).abs() < 2e-2);
                 }

@@ -6,7 +6,7 @@ use super::super::options::RefineRecipe;
 use super::super::step::StepOptions;
 use super::super::windows::Views;
 use super::super::{refine, step};
-use super::{noise, plane};
+use super::parts::{noise, plane};
 use crate::execution::Execution;
 
 /// The first `width` columns.
