@@ -227,12 +227,15 @@ impl LaneKernel for Inside<'_> {
             s.splat(self.size[0]),
             s.splat(self.size[1]),
         );
-        let ramp = s.ramp();
+        let (ramp, zero, outside) = (s.ramp(), s.splat(0.0), s.splat(-1.0));
         for i in 0..count {
             let at_x = s.splat((i * LANES) as f32) + ramp + s.get(&u[i]);
             let at_y = y + s.get(&v[i]);
-            let within = (at_x.min(right - at_x)).min(at_y.min(bottom - at_y));
-            within.min(s.get(&fit[i])).put(&mut flags[i]);
+            // A flow that is not a number is within nothing.
+            let across = <S::F as Floats>::both(zero.le(at_x), at_x.le(right));
+            let down = <S::F as Floats>::both(zero.le(at_y), at_y.le(bottom));
+            let within = <S::F as Floats>::both(across, down);
+            S::F::select(within, s.get(&fit[i]), outside).put(&mut flags[i]);
         }
     }
 }

@@ -120,16 +120,14 @@ impl Recipe {
             rounds,
         };
         let (levels, better, sweeps) = match preset {
-            Preset::Fast => (
-                [
-                    level(1, 1, 0, 3),
-                    level(2, 2, 0, 3),
-                    level(3, 1, 1, 3),
-                    level(3, 1, 0, 3),
-                ],
-                0.9,
-                4,
-            ),
+            Preset::Fast => {
+                let coarse = level(3, 1, 1, 3);
+                (
+                    [level(1, 1, 0, 3), level(2, 1, 0, 3), coarse, coarse],
+                    0.9,
+                    4,
+                )
+            }
             Preset::Balanced => {
                 let coarse = level(6, 3, 2, 3);
                 (
