@@ -57,6 +57,7 @@ PUBLIC = [
     "rsflow.segmentation",
     "rsflow.shift",
     "rsflow.synthetic",
+    "rsflow.tracking",
     "rsflow.velocity",
     "rsflow.video",
 ]

@@ -33,6 +33,21 @@ class TrackTable:
         ``frame, t_s, id, age, x_px, y_px, dx_px, dy_px, vx_px_s, vy_px_s, std_x_px, std_y_px, residual, status``:
         position, motion since the frame before, speed, standard deviations of the position, residual in grey levels
         and the status by name. What was not measured is NaN.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> y, x = np.mgrid[0:120, 0:160]
+    >>> picture = (120 + 60 * np.sin(x * x / 900 + y / 5) * np.cos(y * y / 700 - x / 6)).astype(np.uint8)
+    >>> tracker = rsflow.PointTracker(max_corners=20, record=True)
+    >>> for k in range(3):
+    ...     tracks = tracker.update(np.roll(picture, 2 * k, axis=1), t_s=0.1 * k)
+    >>> table = tracker.to_table()
+    >>> speeds = table.columns["vx_px_s"][table.columns["status"] == "tracked"]
+    >>> float(np.median(speeds).round())
+    20.0
+    >>> sorted(set(table.columns["frame"].tolist()))
+    [0, 1, 2]
     """
 
     NAMES = (

@@ -21,7 +21,18 @@ Illumination = Literal["none", "offset", "gain_offset"]
 
 
 class PointStatus(IntEnum):
-    """Whether a point was tracked, or else the first reason why not. The values are those of lk-core."""
+    """Whether a point was tracked, or else the first reason why not. The values are those of lk-core.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> blank = np.full((60, 80), 90, np.uint8)
+    >>> tracks = rsflow.track_points(blank, blank, [[40, 30], [200, 30], [np.nan, 30]])
+    >>> [rsflow.PointStatus(status).name for status in tracks.status]
+    ['LOW_TEXTURE', 'OUT_OF_FRAME', 'NOT_FINITE']
+    >>> bool((tracks.status == rsflow.PointStatus.TRACKED).any())
+    False
+    """
 
     TRACKED = 0
     """Tracked: position and covariance hold."""
