@@ -40,7 +40,8 @@ pub struct CornerDetector {
 ///
 /// # Errors
 ///
-/// [`Error::Shape`] if the mask does not fit; those of [`CornerOptions::validate`] and of the execution.
+/// [`Error::Shape`](crate::Error::Shape) if the mask does not fit; those of [`CornerOptions::validate`] and of the
+/// execution.
 pub fn detect_corners<T: Pixel>(
     frame: Frame<'_, T>,
     mask: Option<ArrayView2<'_, bool>>,
