@@ -98,6 +98,25 @@ impl Memory {
     }
 }
 
+/// One level of both pyramids, with the flow between them.
+fn views<'a>(
+    prev: &'a Pyramid,
+    next: &'a Pyramid,
+    level: usize,
+    [u, v]: [&'a Grid; 2],
+    halved: Option<f32>,
+    weights: Option<&'a [Plane]>,
+) -> Views<'a> {
+    Views {
+        prev: &prev.levels()[level],
+        next: &next.levels()[level],
+        u,
+        v,
+        halved,
+        weight: weights.map(|planes| &planes[level]),
+    }
+}
+
 /// The level to begin with: the coarsest one, or a finer one where there is a flow to start from.
 fn first_level(pyramid: &Pyramid, hints: DenseHints<'_>) -> usize {
     let coarsest = pyramid.levels().len() - 1;
@@ -126,7 +145,8 @@ pub(super) struct Descent<'a> {
 }
 
 impl Descent<'_> {
-    /// Measure all levels, and judge the flow of the finest one. Returns the level of the light's estimate, if light is found to have changed.
+    /// Measure all levels, and judge the flow of the finest one. Returns the level of the light's estimate, if light is
+    /// found to have changed.
     pub(super) fn run(&mut self, hints: DenseHints<'_>) -> Result<Option<usize>> {
         let coarsest = first_level(self.prev, hints);
         let small = |plane: &Plane| plane.width().max(plane.height()) <= LIGHT_SIZE;
@@ -176,7 +196,11 @@ impl Descent<'_> {
 
     /// Judge the flow of the finest level by a step that is not taken.
     fn judge(&mut self) -> Result<()> {
-        let options = self.step_options(0);
+        // No longer than nothing: what is judged is the flow as it stands.
+        let options = StepOptions {
+            longest: 0.0,
+            ..self.step_options(0)
+        };
         let Memory {
             flow: [u, v],
             halved,
@@ -186,19 +210,8 @@ impl Descent<'_> {
             weights,
             ..
         } = &mut *self.memory;
-        let views = Views {
-            prev: &self.prev.levels()[0],
-            next: &self.next.levels()[0],
-            u,
-            v,
-            halved: *halved,
-            weight: self.weighted.then(|| &weights[0]),
-        };
-        // No longer than nothing: what is judged is the flow as it stands.
-        let options = StepOptions {
-            longest: 0.0,
-            ..options
-        };
+        let weights = self.weighted.then_some(&**weights);
+        let views = views(self.prev, self.next, 0, [u, v], *halved, weights);
         let execution = self.execution;
         step::sparse_step(
             views,
@@ -296,14 +309,8 @@ impl Descent<'_> {
                     weights,
                     ..
                 } = &mut *self.memory;
-                let views = Views {
-                    prev: &self.prev.levels()[level],
-                    next: &self.next.levels()[level],
-                    u,
-                    v,
-                    halved: *halved,
-                    weight: self.weighted.then(|| &weights[level]),
-                };
+                let weights = self.weighted.then_some(&**weights);
+                let views = views(self.prev, self.next, level, [u, v], *halved, weights);
                 let to = (&mut *to_u, &mut *to_v, &mut *energy);
                 // Distances in pixels of the grid that the step is taken on.
                 let (distance, spacing) = if sparse {
@@ -341,14 +348,8 @@ impl Descent<'_> {
                     ..
                 } = &mut *self.memory;
                 let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
-                let views = Views {
-                    prev: &self.prev.levels()[level],
-                    next: &self.next.levels()[level],
-                    u,
-                    v,
-                    halved: None,
-                    weight: self.weighted.then(|| &weights[level]),
-                };
+                let weights = self.weighted.then_some(&**weights);
+                let views = views(self.prev, self.next, level, [u, v], None, weights);
                 let to = (&mut *to_u, &mut *to_v);
                 let judged = judges.then_some(judged);
                 refine::round(
