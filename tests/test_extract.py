@@ -1,5 +1,6 @@
 """The main job: what it writes, how good it is, and what it refuses."""
 
+import dataclasses
 import json
 import math
 import re
@@ -155,6 +156,21 @@ def test_a_camera_of_another_size_is_scaled_and_said(flight, tmp_path):
     )
     assert out.summary["speed_median_m_s"] == pytest.approx(np.hypot(0.04, 0.015), rel=0.03)
     assert any("352 x 288" in note for note in out.summary["notes"])
+
+
+def test_a_height_without_a_deviation_is_said_until_one_is_stated(flight, tmp_path):
+    known = dataclasses.replace(flight.camera, std=dict.fromkeys(("fx", "fy", "cx", "cy"), 0.0))
+    for std, unknown in ((None, True), (0.0, False), (0.01, False)):
+        out = rsflow.extract(
+            list(flight.images[:3]), tmp_path / str(std), frame_rate=30, camera=known, height_m=HEIGHT_M,
+            height_std_m=std, videos=False,
+        )  # fmt: skip
+        said = "deviation of the height not stated: velocities are only as exact as the height"
+        assert any(said in note.lower() for note in out.summary["notes"]) is unknown
+        assert ("without that of height" in out.summary["text"]) is unknown
+        assert out.summary["speed_std_without"] == (["height"] if unknown else [])
+        assert ("velocities are only as exact as the height" in out.files["report"].read_text()) is unknown
+        assert np.isfinite(out.summary["speed_std_median_m_s"])
 
 
 def test_a_scene_cut_and_a_blank_frame_are_said_not_guessed(tmp_path):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import re
+
 import numpy as np
 import pytest
 
@@ -186,9 +189,31 @@ def test_height_and_focal_length_enter_the_covariance() -> None:
     focal = np.sqrt(np.diag(v.parts["focal length"]))
     np.testing.assert_allclose(focal[:2], [0.01 * abs(v.vx_m_s), 0.02 * abs(v.vy_m_s)], rtol=0.03)
     budget = v.budget(dt_std_s=0.001)
-    assert [line.split()[0] for line in budget.splitlines()] == ["speed", "displacement", "focal", "time", "total"]
+    words = [line.split()[0] for line in budget.splitlines()]
+    assert words == ["speed", "displacement", "focal", "time", "height", "principal", "total"]
     assert "time            3.00 %" in budget
     assert estimator.update(f.images[1], 0.0).budget() == "no velocity: time not increasing"
+
+
+def test_what_is_not_stated_is_said_to_be_unknown_and_zero_is_exact() -> None:
+    f = flight(frames=2, velocity_m_s=(0.08, -0.06, 0.0), sensor=QUIET, seed=15)
+    plain = velocities(f)[0]
+    assert plain.unstated == ("height", "focal length", "principal point")
+    assert np.isfinite(plain.covariance).all()
+    assert "height          not stated" in plain.budget()
+    assert re.search(r"^total +unknown: 0\.\d\d %, and what is not stated$", plain.budget(), re.M)
+    exact = velocities(f, height_std_m=0.0)[0]
+    assert exact.unstated == ("focal length", "principal point")
+    np.testing.assert_array_equal(exact.covariance, plain.covariance)
+    # Rates count where they are used.
+    assert "gyro" in velocities(f, rate=True)[0].unstated
+    assert "gyro" not in velocities(f, rate=True, rate_std_rad_s=0.0)[0].unstated
+    # A camera that is known, and a height that is: then there is a total.
+    known = dataclasses.replace(f.camera, std={"fx": 0.0, "fy": 0.0, "cx": 0.0, "cy": 0.0})
+    estimator = VelocityEstimator(known, height_m=0.2, height_std_m=0.01)
+    v = [estimator.update(frame.image, frame.t_s) for frame in f][-1]
+    assert v.unstated == ()
+    assert "total           5.0" in v.budget()
 
 
 def test_noise_of_the_gyro_enters_the_covariance() -> None:
@@ -196,7 +221,7 @@ def test_noise_of_the_gyro_enters_the_covariance() -> None:
     std = 0.05
     f = flight(frames=2, velocity_m_s=(0.08, -0.06, 0.0), sensor=QUIET, seed=15)
     (v,) = velocities(f, rate=True, rate_std_rad_s=std)
-    assert set(v.parts) == {"displacement", "height", "gyro"}
+    assert set(v.parts) == {"displacement", "gyro"}
     # Off the axis a turn moves the picture by 1 + x^2 of that in the middle: 1.06 on average over this view.
     np.testing.assert_allclose(np.sqrt(np.diag(v.parts["gyro"]))[:2], 1.05 * 0.2 * std, rtol=0.03)
     assert "gyro" in v.budget()

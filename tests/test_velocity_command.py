@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 from pathlib import Path
 
@@ -70,6 +71,29 @@ def test_json_summary(flown: tuple[Path, Flight], tmp_path: Path, capsys: pytest
     assert (summary["frames"], summary["measured"], summary["status"]) == (3, 2, {"first_frame": 1, "ok": 2})
     assert summary["csv"] == str(tmp_path / "velocity.csv")
     assert summary["mean_vx_m_s"] == pytest.approx(0.06, rel=0.1)
+    assert summary["std_without"] == ["height", "focal length", "principal point"]
+    assert "deviations of the height, focal length and principal point not stated" in summary["notes"][0]
+    assert table(tmp_path / "velocity.csv")[1]["std_without"] == "height+focal_length+principal_point"
+
+
+def test_a_height_without_a_deviation_is_not_called_exact(
+    flown: tuple[Path, Flight], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, f = flown
+    dataclasses.replace(f.camera, std=dict.fromkeys(("fx", "fy", "cx", "cy"), 0.0)).save(tmp_path / "cam.json")
+    arguments = ["velocity", str(folder / "*.png"), "--rate", "20", "--camera", str(tmp_path / "cam.json")]
+    arguments += ["--height", "0.2", "--stop", "3", "-o", str(tmp_path)]
+    assert cli.main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "height          not stated" in printed
+    assert "total           unknown" in printed
+    assert "note: deviation of the height not stated: velocities are only as exact as the height" in printed
+    for std, total in (("0", "total           0."), ("0.01", "total           5.")):
+        assert cli.main([*arguments, "--height-std", std]) == 0
+        printed = capsys.readouterr().out
+        assert total in printed
+        assert "not stated" not in printed
+    assert table(tmp_path / "velocity.csv")[1]["std_without"] == ""
 
 
 def test_camera_is_scaled_to_pictures_of_the_same_proportions(
@@ -81,11 +105,15 @@ def test_camera_is_scaled_to_pictures_of_the_same_proportions(
     arguments = ["velocity", str(folder / "*.png"), "--rate", "20", "--height-csv", str(folder / "by_frame.csv")]
     assert cli.main([*arguments, "--camera", str(tmp_path / "large.json"), "-o", str(tmp_path)]) == 0
     assert float(table(tmp_path / "velocity.csv")[1]["vx_m_s"]) == pytest.approx(0.06, abs=0.0006)
-    capsys.readouterr()
+    assert "The camera, calibrated at 352 x 288 pixels, was scaled to 176 x 144." in capsys.readouterr().out
     assert cli.main([*arguments, "--camera", str(tmp_path / "other.json"), "-o", str(tmp_path)]) == 1
     error = capsys.readouterr().err
-    assert "the pictures have 176 x 144 pixels, the camera was calibrated at 176 x 100" in error
+    assert "it is calibrated at 176 x 100 pixels, but " in error
+    assert "has 176 x 144, another shape" in error
     assert len(error.splitlines()) == 1
+    # One row less is a crop, not a picture resized.
+    f.camera.cropped((0, 0, 176, 143)).save(tmp_path / "row.json")
+    assert cli.main([*arguments, "--camera", str(tmp_path / "row.json"), "-o", str(tmp_path)]) == 1
 
 
 def test_pictures_without_times_ask_for_the_rate(

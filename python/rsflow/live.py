@@ -40,6 +40,9 @@ class LiveReading:
         As `status`, for the velocity.
     image : (H, W) or (H, W, 3) array
         The frame, for a viewer.
+    notes : tuple of str
+        What to know of the velocities: that the camera was scaled to the size of the frames, and what their deviations
+        leave out since it was not stated.
 
     Examples
     --------
@@ -69,15 +72,17 @@ class LiveReading:
     vz_std_m_s: float | None
     velocity_status: str | None
     image: NDArray[Any]
+    notes: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Give the numbers without the picture, NaN and infinity as None: what JSON can say.
 
         Returns
         -------
-        dict of str to int, float, str or None
+        dict of str to int, float, str, list of str or None
         """
         values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self) if item.name != "image"}
+        values["notes"] = list(self.notes)
         return {
             name: None if isinstance(value, float) and not np.isfinite(value) else value
             for name, value in values.items()
@@ -89,7 +94,7 @@ def readings(
     *,
     camera: Camera | str | os.PathLike[str] | None = None,
     height_m: float | None = None,
-    height_std_m: float = 0.0,
+    height_std_m: float | None = None,
     roi: tuple[int, int, int, int] | None = None,
     illumination: str = "gain_offset",
     max_displacement: float | None = None,
@@ -103,8 +108,8 @@ def readings(
         A camera's index or a stream's URL; a video or a list of pictures serves for a rehearsal, without dropping.
     camera : Camera or path, optional
         With `height_m`: the calibrated camera, for velocities.
-    height_m, height_std_m : float
-        Distance from the ground, and its standard deviation, in metres.
+    height_m, height_std_m : float, optional
+        Distance from the ground, and its standard deviation, in metres; 0 says that it is exact.
     roi : (x, y, width, height), optional
         Part of the picture to look at, in pixels.
     illumination : {"gain_offset", "offset", "none"}
@@ -139,6 +144,7 @@ def readings(
     if (camera is None) != (height_m is None):
         raise OptionError("camera, height_m: a velocity needs both, got one of them")
     estimator: Any = None
+    scaled = ""
     prev: Any = None
     with frames(source, color=True, roi=roi, timeout_s=timeout_s) as stream:
         for frame in stream:
@@ -146,7 +152,7 @@ def readings(
                 from .extraction.metric import fitting_camera
                 from .velocity import VelocityEstimator
 
-                fitted, _ = fitting_camera(camera, stream, roi)
+                fitted, scaled = fitting_camera(camera, stream, roi)
                 estimator = VelocityEstimator(fitted, height_m=height_m, height_std_m=height_std_m)
             velocity = None if estimator is None else estimator.update(frame.image, frame.t_s)
             if prev is not None:
@@ -165,8 +171,15 @@ def readings(
                     status=status_word(shift.status),
                     **_velocity_fields(velocity),
                     image=frame.color if frame.color is not None else frame.image,
+                    notes=() if velocity is None else _notes(scaled, velocity.unstated),
                 )
             prev = frame
+
+
+def _notes(scaled: str, unstated: tuple[str, ...]) -> tuple[str, ...]:
+    from .velocity.result import not_stated
+
+    return tuple(note for note in (scaled, not_stated(unstated)) if note)
 
 
 def _velocity_fields(velocity: Any) -> dict[str, Any]:

@@ -63,7 +63,8 @@ def make_flight(frames: int, seed: int) -> Flight:
     """Make the flight: a closed loop at constant height, one thing that crosses, an exposure that drifts."""
     from rsflow import Camera, synthetic
 
-    camera = Camera(FOCAL_PX, FOCAL_PX, 159.5, 119.5, width=320, height=240)
+    exact = dict.fromkeys(("fx", "fy", "cx", "cy"), 0.0)
+    camera = Camera(FOCAL_PX, FOCAL_PX, 159.5, 119.5, width=320, height=240, std=exact)
     turn = 2 * np.pi * np.arange(frames - 1) / (frames - 1)
     velocity = np.stack([0.25 * np.cos(turn), 0.18 * np.sin(turn), np.zeros(frames - 1)], axis=1)
     thing = synthetic.MovingObject(center_m=(0.1, -0.1), size_m=(0.12, 0.09), velocity_m_s=(-0.1, 0.12))
@@ -178,6 +179,7 @@ def run(args: argparse.Namespace) -> int:
         folder,
         camera=camera,
         height_m=HEIGHT_M,
+        height_std_m=0.0,
         camera_motion="moving",
         progress=watched,
         on_frame=comparison.add,

@@ -53,7 +53,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     height.add_argument("--height", type=float, metavar="M", help="height over the ground in metres")
     height.add_argument("--height-csv", metavar="FILE", help="heights: columns t_s,height_m or frame,height_m")
     metric.add_argument(
-        "--height-std", type=float, default=0.0, metavar="M", help="standard deviation of the height (default 0)"
+        "--height-std", type=float, metavar="M", help="standard deviation of the height, 0 where it is exact"
     )
     part = parser.add_argument_group("part of the source")
     add_range(part)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--camera", metavar="FILE", help="calibrated camera, with --height")
     parser.add_argument("--height", type=float, metavar="M", help="height over the ground in metres, with --camera")
-    parser.add_argument("--height-std", type=float, default=0.0, metavar="M", help="its standard deviation (default 0)")
+    parser.add_argument("--height-std", type=float, metavar="M", help="its standard deviation, 0 where it is exact")
     add_roi(parser)
     add_max_displacement(parser)
     parser.add_argument("--frames", type=int, metavar="N", help="end after N lines")
@@ -60,9 +61,14 @@ def run(args: argparse.Namespace) -> int:
         timeout_s=args.timeout,
     )
     begin = time.monotonic()
+    told: tuple[str, ...] = ()
     for count, reading in enumerate(stream, 1):
         if count == 1 and not args.json:
             print(_header(args.camera is not None))
+        for note in () if args.json else reading.notes:
+            if note not in told:
+                print(f"note: {note}", file=sys.stderr)
+        told += reading.notes if reading.notes != told else ()
         print(json.dumps(reading.as_dict()) if args.json else _line(reading), flush=True)
         if window is not None and not window.show(reading):
             break

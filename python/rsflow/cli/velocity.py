@@ -39,7 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     height = parser.add_mutually_exclusive_group(required=True)
     height.add_argument("--height", type=float, metavar="M", help="perpendicular distance from the ground in metres")
     height.add_argument("--height-csv", metavar="FILE", help="heights: columns t_s,height_m or frame,height_m")
-    parser.add_argument("--height-std", type=float, default=0.0, metavar="M", help="standard deviation of the height")
+    parser.add_argument(
+        "--height-std", type=float, metavar="M", help="standard deviation of the height, 0 where it is exact"
+    )
     parser.add_argument("-o", "--output", default=".", metavar="OUT", help="folder for the files (default: this one)")
     add_rate(parser)
     add_range(parser)
@@ -49,30 +51,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure, write the table and the plot, print a summary."""
     import rsflow
+    from rsflow.extraction.metric import fitting_camera
     from rsflow.velocity import Heights, velocity_row, write_velocity_csv
+    from rsflow.velocity.result import not_stated
 
     camera = rsflow.Camera.load(args.camera)
     heights = None if args.height_csv is None else Heights.read(args.height_csv)
     folder = Path(args.output)
     rows: list[dict[str, Any]] = []
-    budget, interrupted = "", False
+    budget, scaled, interrupted = "", "", False
+    unstated: tuple[str, ...] = ()
     broken: rsflow.RsflowError | None = None
     source = source_of(args.source)
     with rsflow.frames(source, frame_rate=args.rate, start=args.start, stop=args.stop, stride=args.stride) as sequence:
         estimator = None
         try:
             for frame in sequence:
-                height, width = frame.image.shape
                 if estimator is None:
-                    estimator = rsflow.VelocityEstimator(
-                        _fitting(camera, width, height), height_m=args.height, height_std_m=args.height_std
-                    )
+                    fitted, scaled = fitting_camera(camera, sequence, None)
+                    estimator = rsflow.VelocityEstimator(fitted, height_m=args.height, height_std_m=args.height_std)
                     # A folder that cannot be made fails now, not after the last frame.
                     folder.mkdir(parents=True, exist_ok=True)
                 own = None if heights is None else heights.at(frame=frame.index, t_s=frame.t_s)
                 v = estimator.update(frame.image, frame.t_s, height_m=own)
                 rows.append(velocity_row(v, frame=frame.index, height_m=args.height if own is None else own))
-                budget = v.budget() if v.valid else budget
+                budget, unstated = (v.budget(), v.unstated) if v.valid else (budget, unstated)
         except KeyboardInterrupt:
             interrupted = True
         except rsflow.RsflowError as error:
@@ -82,7 +85,13 @@ def run(args: argparse.Namespace) -> int:
     table, picture = folder / "velocity.csv", folder / "velocity.png"
     write_velocity_csv(table, rows)
     note = _plotted(picture, rows, str(args.source))
-    summary = _summary(rows) | {"csv": str(table), "plot": str(picture) if note is None else None}
+    notes = [text for text in (scaled, not_stated(unstated)) if text]
+    summary = _summary(rows) | {
+        "std_without": list(unstated),
+        "notes": notes,
+        "csv": str(table),
+        "plot": str(picture) if note is None else None,
+    }
     if args.json:
         print(json.dumps(summary, indent=2))
     else:
@@ -99,20 +108,6 @@ def run(args: argparse.Namespace) -> int:
     if interrupted:
         raise KeyboardInterrupt(f"interrupted after {len(rows)} frames; {table} has them")
     return 0
-
-
-def _fitting(camera: Any, width: int, height: int) -> Any:
-    """Fit the camera to pictures of this size: scaled where they keep the proportions."""
-    if camera.size == (width, height):
-        return camera
-    from rsflow.errors import OptionError
-
-    if abs(width * camera.height - height * camera.width) > max(width, height):
-        raise OptionError(
-            f"the pictures have {width} x {height} pixels, the camera was calibrated at {camera.width} x "
-            f"{camera.height}: other proportions, so they are cropped; crop the camera (Camera.cropped) and save it"
-        )
-    return camera.scaled(width, height)
 
 
 def _plotted(path: Path, rows: list[dict[str, Any]], title: str) -> str | None:
@@ -159,6 +154,8 @@ def _show(summary: dict[str, Any], budget: str) -> None:
         print(f"mean speed     {summary['mean_speed_m_s']:.4g} m/s over {summary['distance_m']:.4g} m of measured way")
         print("uncertainty of the last frame's speed, by origin:")
         print("\n".join(f"  {line}" for line in budget.splitlines()))
+    for text in summary["notes"]:
+        print(f"note: {text}")
     print(f"table  {summary['csv']}")
     if summary["plot"]:
         print(f"plot   {summary['plot']}")

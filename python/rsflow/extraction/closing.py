@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._files import writing
+from ..velocity.result import not_stated
 from .outputs import NAMES, remove_partial
 from .probe import STILL_PX
 from .report import LASTING_FRAMES, build
@@ -90,6 +91,8 @@ def _summary(
 
     series, stream = outputs.series, outputs.stream
     figures = key_figures(series["motion"], series.get("velocity"), series.get("track"))
+    if "velocity" in series:
+        figures["speed_std_without"] = list(pipeline.unstated)
     _, seen = np.unique(series["objects"]["id"], return_counts=True)
     problems = []
     if not complete:
@@ -151,6 +154,10 @@ def _notes(outputs: Outputs, pipeline: Pipeline) -> list[str]:
             f"Only {100 * float(np.nanmean(valid)):.0f} % of the dense flow is valid: too little texture, overexposed "
             "or dark areas, or motion that is too large."
         )
+    if pipeline.unstated:
+        hint = "" if "height" not in pipeline.unstated else "; state the height's with height_std_m, or --height-std"
+        said = not_stated(pipeline.unstated)
+        notes.append(f"{said[0].upper()}{said[1:]}{hint}.")
     if "velocity" in outputs.series and not np.isfinite(outputs.series["velocity"]["vx_m_s"]).any():
         notes.append("No velocity could be measured: see the statuses below.")
     speed = np.nanmax(length, initial=0.0)

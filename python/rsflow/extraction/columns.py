@@ -5,7 +5,7 @@ from __future__ import annotations
 __all__ = ["MOTION", "OBJECTS", "TRACK", "VELOCITY", "WORDS", "meaning"]
 
 # Columns that hold words.
-WORDS = frozenset({"status", "segmentation_status", "camera_model"})
+WORDS = frozenset({"status", "segmentation_status", "camera_model", "std_without"})
 
 MOTION = {
     "frame": "number of the frame in the source, counted from 0",
@@ -53,6 +53,8 @@ VELOCITY = {
     "dy_px": "the same, downwards",
     "n_points": "number of points that the velocity rests on",
     "status": "ok, or why it was not measured",
+    "std_without": "what the standard deviations leave out since none was stated for it: height, focal_length, "
+    "principal_point; empty where nothing",
 }
 
 TRACK = {
@@ -63,7 +65,7 @@ TRACK = {
     "y_m": "the same, along its y axis",
     "z_m": "the same, along the line of sight",
     "heading_rad": "turn about straight down since the start, clockwise as the camera sees the ground",
-    "x_std_m": "standard deviation of x_m, without that of the heading",
+    "x_std_m": "standard deviation of x_m, without that of the heading and of what velocity.csv calls std_without",
     "y_std_m": "standard deviation of y_m",
     "distance_m": "length of the way in the x-y plane, gaps left out",
 }

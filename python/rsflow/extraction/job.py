@@ -28,7 +28,7 @@ def extract(
     *,
     camera: Any = None,
     height_m: float | str | os.PathLike[str] | None = None,
-    height_std_m: float = 0.0,
+    height_std_m: float | None = None,
     start: int | None = None,
     stop: int | None = None,
     stride: int = 1,
@@ -58,8 +58,9 @@ def extract(
         The calibrated camera, of the whole picture: `roi` is allowed for.
     height_m : float or path, optional
         Perpendicular distance from the ground in metres, or a CSV with the columns ``t_s,height_m``.
-    height_std_m : float
-        Standard deviation of the height, in metres.
+    height_std_m : float, optional
+        Standard deviation of the height, in metres; 0 says that it is exact. Without it the velocities' deviations
+        leave it out, and the report says so.
     start, stop, stride : int, optional
         Frames to take, as ``range(start, stop, stride)``.
     roi : (x, y, width, height), optional

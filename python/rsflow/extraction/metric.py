@@ -46,14 +46,22 @@ def fitting_camera(camera: Any, stream: Any, roi: tuple[int, int, int, int] | No
     note = ""
     if size is not None and camera.size != tuple(size):
         width, height = size
-        if abs(camera.width * height - camera.height * width) > max(camera.width, width):
+        if not _resized(camera.size, (width, height)):
             raise OptionError(
                 f"camera: it is calibrated at {camera.width} x {camera.height} pixels, but {stream.source} has "
-                f"{width} x {height}, another shape: it cannot be this camera's uncropped picture"
+                f"{width} x {height}, another shape: it cannot be this camera's uncropped picture; where it is "
+                "cropped, crop the camera (Camera.cropped) and save it"
             )
         note = f"The camera, calibrated at {camera.width} x {camera.height} pixels, was scaled to {width} x {height}."
         camera = camera.scaled(width, height)
     return (camera if roi is None else camera.cropped(roi)), note
+
+
+def _resized(old: tuple[int, int], new: tuple[int, int]) -> bool:
+    """Say whether a picture of one size can be one of the other resized: its sides as their ratio rounds."""
+    if (old[0] == new[0]) != (old[1] == new[1]):
+        return False
+    return abs(new[1] - old[1] * new[0] / old[0]) < 1.0 or abs(new[0] - old[0] * new[1] / old[1]) < 1.0
 
 
 class HeightOf:

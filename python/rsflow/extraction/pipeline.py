@@ -79,6 +79,8 @@ class Pipeline:
             else CameraDecision("moving", "given as moving")
         )
         self.notes: list[str] = []
+        # What the velocities' deviations leave out.
+        self.unstated: tuple[str, ...] = ()
         if settings.height_m is not None:
             # Read before the first frame: a wrong file must fail before anything is written.
             self._height = HeightOf(settings.height_m)
@@ -130,6 +132,7 @@ class Pipeline:
 
             height_m = self._height.at(frame.index, frame.t_s)
             velocity = self._velocity.update(frame.image, frame.t_s, height_m=height_m)
+            self.unstated = velocity.unstated or self.unstated
             table_row = velocity_row(velocity, frame=frame.index, height_m=height_m)
         return Measured(
             frame=frame,

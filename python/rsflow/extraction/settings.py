@@ -34,7 +34,7 @@ class ExtractSettings:
 
     camera: Camera | str | os.PathLike[str] | None = None
     height_m: float | str | os.PathLike[str] | None = None
-    height_std_m: float = 0.0
+    height_std_m: float | None = None
     start: int | None = None
     stop: int | None = None
     stride: int = 1
@@ -61,7 +61,7 @@ class ExtractSettings:
             raise OptionError("camera: a camera needs a height too, since a velocity follows from both: pass height_m=")
         if isinstance(self.height_m, (int, float)) and not (math.isfinite(self.height_m) and self.height_m > 0):
             raise OptionError(f"height_m: got {self.height_m}, expected metres above 0")
-        if not (math.isfinite(self.height_std_m) and self.height_std_m >= 0):
+        if self.height_std_m is not None and not (math.isfinite(self.height_std_m) and self.height_std_m >= 0):
             raise OptionError(f"height_std_m: got {self.height_std_m}, expected metres, 0 or above")
         if self.stop is not None and self.stop <= (self.start or 0):
             raise OptionError(f"stop: got {self.stop}, expected a frame number above start ({self.start or 0})")

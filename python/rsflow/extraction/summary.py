@@ -112,8 +112,10 @@ def text(figures: dict[str, Any]) -> str:
         parts.append(f"{100 * figures['moving_share']:.1f} % of the picture moves on its own on average")
     lines = "; ".join(parts) + "."
     if figures.get("velocity_measured"):
+        unstated = figures.get("speed_std_without")
+        without = f" without that of {', '.join(unstated)}, which was not stated" if unstated else ""
         lines += (
             f" The camera went at {figures['speed_median_m_s']:.4g} m/s (median, standard deviation of one frame "
-            f"{figures['speed_std_median_m_s']:.2g} m/s), {figures.get('distance_m', 0.0):.4g} m in all."
+            f"{figures['speed_std_median_m_s']:.2g} m/s{without}), {figures.get('distance_m', 0.0):.4g} m in all."
         )
     return lines

@@ -37,11 +37,13 @@ class VelocityEstimator:
         deviations of its parameters (`Camera.std`), they enter the covariance.
     height_m : float, optional
         Perpendicular distance from the ground plane, where it is constant.
-    height_std_m : float
-        Standard deviation of the heights or ranges.
-    rate_std_rad_s : float
+    height_std_m : float, optional
+        Standard deviation of the heights or ranges; 0 says that they are exact. Without it the covariance holds for an
+        exact height, and `Velocity.unstated` says that the height's share is missing: a velocity is only as exact as
+        its height.
+    rate_std_rad_s : float, optional
         Standard deviation of each axis of the rates that `update` gets, as means over an interval: over level ground
-        the height times this enters the deviation of the velocity.
+        the height times this enters the deviation of the velocity. Without it the rates' share is missing likewise.
     R_body_from_camera : (3, 3) array_like
         Rotation from the camera's axes to the body's.
     lever_arm_m : (3,) array_like
@@ -69,8 +71,8 @@ class VelocityEstimator:
         camera: Camera,
         *,
         height_m: float | None = None,
-        height_std_m: float = 0.0,
-        rate_std_rad_s: float = 0.0,
+        height_std_m: float | None = None,
+        rate_std_rad_s: float | None = None,
         R_body_from_camera: ArrayLike | None = None,
         lever_arm_m: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
@@ -185,12 +187,13 @@ class VelocityEstimator:
 
     def _height(self, height_m: float | None, range_m: float | None, cosine: float) -> tuple[float, float]:
         """Height and its deviation; NaN where none is known for this frame."""
+        std = self.height_std_m or 0.0
         if range_m is not None:
             measured = np.nan if np.isnan(range_m) else _positive("range_m", range_m)
-            return measured * cosine, self.height_std_m * abs(cosine)
+            return measured * cosine, std * abs(cosine)
         if height_m is None:
-            return (np.nan if self.height_m is None else self.height_m), self.height_std_m
-        return (np.nan if np.isnan(height_m) else _positive("height_m", height_m)), self.height_std_m
+            return (np.nan if self.height_m is None else self.height_m), std
+        return (np.nan if np.isnan(height_m) else _positive("height_m", height_m)), std
 
     def _measure(
         self,
@@ -242,7 +245,7 @@ class VelocityEstimator:
         common = np.array([_COMMON_PX / self.camera.fx, _COMMON_PX / self.camera.fy, 0.0])
         displacement = fit.covariance + np.diag((common * interval.height_m / interval.dt_s) ** 2)
         parts = {"displacement": displacement, **self._parts(self._rays(flow), spread, interval, fit, height_std)}
-        if rate is not None and self.rate_std_rad_s > 0:
+        if rate is not None and self.rate_std_rad_s:
             parts["gyro"] = self._gyro(self._rays(flow), spread, interval, fit)
         R = self.R_body_from_camera
         # An infinite variance of Vz must stay infinite, and must not make NaN of the others, under the rotation.
@@ -266,7 +269,19 @@ class VelocityEstimator:
             yaw_rate_rad_s=fit.yaw_rad / interval.dt_s if interval.yaw_free else np.nan,
             origin_velocity_m_s=velocity - (arm if self.lever_arm_m.any() else 0.0),
             parts=parts,
+            unstated=self._unstated(rate is not None),
         )
+
+    def _unstated(self, turned: bool) -> tuple[str, ...]:
+        """Name what the covariance leaves out, since nobody said how exact it is."""
+        std = self.camera.std
+        known = {
+            "height": self.height_std_m is not None,
+            "focal length": "fx" in std and "fy" in std,
+            "principal point": "cx" in std and "cy" in std,
+            "gyro": not turned or self.rate_std_rad_s is not None,
+        }
+        return tuple(name for name, stated in known.items() if not stated)
 
     def _rays(self, flow: GroundFlow) -> F64:
         """Undistorted normalised coordinates in both frames, (2, N, 2)."""
@@ -309,7 +324,8 @@ class VelocityEstimator:
         """Add up what height, focal length and principal point give to the covariance, in the camera's axes."""
         known = np.where(np.isfinite(fit.velocity), fit.velocity, 0.0)
         # Every velocity is proportional to the height.
-        parts = {"height": np.outer(known, known) * (height_std / interval.height_m) ** 2}
+        share = height_std / interval.height_m
+        parts = {} if self.height_std_m is None else {"height": np.outer(known, known) * share**2}
         camera, std = self.camera, self.camera.std
         if not any(std.get(name, 0.0) for name in ("fx", "fy", "cx", "cy")):
             return parts
@@ -332,7 +348,7 @@ class VelocityEstimator:
         """Find what the noise of the rate, alike about each axis, gives to the covariance in the camera's axes."""
         here = self._speeds(rays, spread, interval, fit)
         total = np.zeros((3, 3))
-        for turn in np.eye(3) * (self.rate_std_rad_s * interval.dt_s):
+        for turn in np.eye(3) * ((self.rate_std_rad_s or 0.0) * interval.dt_s):
             other = dataclasses.replace(interval, turn=interval.turn + turn)
             change = np.nan_to_num(self._speeds(rays, spread, other, fit) - here)
             total += np.outer(change, change)
@@ -367,7 +383,9 @@ def _positive(name: str, value: float) -> float:
     return number
 
 
-def _deviation(name: str, value: float, of: str) -> float:
+def _deviation(name: str, value: float | None, of: str) -> float | None:
+    if value is None:
+        return None
     number = float(value)
     if not (np.isfinite(number) and number >= 0):
         raise OptionError(f"VelocityEstimator: {name} is {value!r}, expected {of} of 0 or more")

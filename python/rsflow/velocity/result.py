@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Velocity", "VelocityStatus", "unmeasured"]
+__all__ = ["Velocity", "VelocityStatus", "not_stated", "unmeasured"]
 
 F64 = NDArray[np.float64]
 
@@ -78,6 +78,9 @@ class Velocity:
     parts : mapping of str to (3, 3) float64
         What `covariance` is the sum of: "displacement", "height", "focal length", "principal point",
         "gyro".
+    unstated : tuple of str
+        Which of these (but "displacement") `covariance` leaves out since no deviation was stated, of the height, of
+        the camera's parameters or of the rates: the velocity is only as exact as they are. Empty where all were.
 
     Examples
     --------
@@ -107,6 +110,7 @@ class Velocity:
     yaw_rate_rad_s: float = np.nan
     origin_velocity_m_s: F64 = field(default_factory=lambda: np.full(3, np.nan))
     parts: Mapping[str, F64] = field(default_factory=dict, repr=False)
+    unstated: tuple[str, ...] = ()
 
     @property
     def valid(self) -> bool:
@@ -120,6 +124,8 @@ class Velocity:
 
     def budget(self, *, dt_std_s: float = 0.0) -> str:
         """Where the uncertainty of the speed over ground comes from, in per cent of it, a line a part.
+
+        What is not known since no deviation was stated has a line that says so, and there is no total then.
 
         Parameters
         ----------
@@ -153,7 +159,24 @@ class Velocity:
             variance["time"] = (dt_std_s / self.dt_s) ** 2
         lines = [f"{'speed':<16}{speed:.4g} m/s"]
         lines += [f"{name:<16}{100 * np.sqrt(value):.2f} %" for name, value in variance.items() if value > 0]
-        return "\n".join([*lines, f"{'total':<16}{100 * np.sqrt(sum(variance.values())):.2f} %"])
+        lines += [f"{name:<16}not stated" for name in self.unstated]
+        known = f"{100 * np.sqrt(sum(variance.values())):.2f} %"
+        if self.unstated:
+            return "\n".join([*lines, f"{'total':<16}unknown: {known}, and what is not stated"])
+        return "\n".join([*lines, f"{'total':<16}{known}"])
+
+
+def not_stated(unstated: Sequence[str]) -> str:
+    """Say what deviations of velocities leave out, in a sentence without a full stop; empty where that is nothing."""
+    if not unstated:
+        return ""
+    names = unstated[0] if len(unstated) == 1 else f"{', '.join(unstated[:-1])} and {unstated[-1]}"
+    plural = "deviation" if len(unstated) == 1 else "deviations"
+    these = f"the {names}" if len(unstated) == 1 else "these"
+    return (
+        f"{plural} of the {names} not stated: velocities are only as exact as {these}, which their standard deviations "
+        "leave out"
+    )
 
 
 def unmeasured(

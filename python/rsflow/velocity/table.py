@@ -33,6 +33,7 @@ COLUMNS: tuple[str, ...] = (
     "dy_px",
     "n_points",
     "status",
+    "std_without",
 )
 
 # Times in video files are rounded, to a millisecond at worst: the last frame may lie that far behind the last row.
@@ -197,6 +198,7 @@ def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str
         "dy_px": velocity.dy_px,
         "n_points": velocity.n_points,
         "status": velocity.status.name.lower(),
+        "std_without": "+".join(name.replace(" ", "_") for name in velocity.unstated),
     }
 
 
@@ -286,10 +288,12 @@ def plot_velocity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], 
         axes.fill_between(t, v - 2 * std, v + 2 * std, color=color, alpha=0.2, linewidth=0)
     axes.axhline(0.0, color="0.7", linewidth=0.8, zorder=0)
     axes.set_ylabel("velocity of the camera (m/s)")
+    band = "band: 2 standard deviations"
+    without = next((row["std_without"] for row in rows if row["std_without"]), "")
+    if without:
+        band += f", without {without.replace('_', ' ').replace('+', ', ')}: not stated"
     # Above the axes, where it covers nothing.
-    axes.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, title="band: 2 standard deviations", fontsize="small"
-    )
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, title=band, fontsize="small")
     if title:
         axes.set_title(title, loc="left")
     speed = np.hypot([row["vx_m_s"] for row in rows], [row["vy_m_s"] for row in rows])
