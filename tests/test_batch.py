@@ -195,7 +195,7 @@ def test_a_worker_that_is_killed_fails_its_own_source_alone(clips, tmp_path, lon
             # Only the worker of the long source is at work.
             until_measured(tmp_path / "out" / "long")
             for child in Path("/proc/self/task").joinpath(str(os.getpid()), "children").read_text().split():
-                names = {path.name for path in (tmp_path / "out" / "long").glob(f".*working-{child}.*")}
+                names = {path.name for path in (tmp_path / "out" / "long").glob(f".*working-{child}-*")}
                 if names:
                     os.kill(int(child), signal.SIGKILL)
 

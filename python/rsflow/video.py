@@ -16,12 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import _video_sinks as sinks
-from ._files import writing
+from ._files import Working, writing
 from .errors import DTypeError, OptionError, ShapeError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-    from contextlib import AbstractContextManager
     from types import TracebackType
 
     from numpy.typing import NDArray
@@ -78,7 +77,7 @@ class VideoWriter:
         self._rate = Fraction(float(frame_rate)).limit_denominator(1001)
         self._shape: tuple[int, int] | None = None
         self._sink: sinks.Sink | None = None
-        self._file: AbstractContextManager[Path] | None = None
+        self._file: Working | None = None
         self._closed = False
         self._start_s: float | None = None
         self._last_tick = -1
@@ -157,7 +156,7 @@ class VideoWriter:
         self._sink = None
         file, self._file = self._file, None
         if file is not None:
-            file.__exit__(None, None, None)
+            file.keep()
 
     def discard(self) -> None:
         """Close the video and leave nothing of it; an older file of that name stays as it was."""
@@ -168,9 +167,7 @@ class VideoWriter:
                 sink.abandon()
         file, self._file = self._file, None
         if file is not None:
-            with contextlib.suppress(_Discarded):
-                reason = _Discarded()
-                file.__exit__(_Discarded, reason, None)
+            file.discard()
 
     def _checked(self, picture: Picture) -> Picture:
         array = np.asarray(picture)
@@ -205,11 +202,9 @@ class VideoWriter:
         return tick
 
     def _open(self, width: int, height: int) -> None:
-        file = writing(self.path)
-        partial = file.__enter__()
-        self._file = file
+        self._file = Working(self.path)
         sink = sinks.AvSink if self._library == "av" else sinks.Cv2Sink
-        self._sink = sink(partial, self.codec, self._rate, width, height)
+        self._sink = sink(self._file.path, self.codec, self._rate, width, height)
 
     def _named(self, error: Exception) -> Exception:
         """Give an error of the file system the name of the video; others stay as they are."""
@@ -275,6 +270,8 @@ def write_lossless(path: str | os.PathLike[str], pictures: Iterable[Picture], *,
 
     Raises
     ------
+    OptionError
+        If there is no picture.
     OSError
         If it cannot be written, a full disk for one; nothing is left then.
 
@@ -303,13 +300,10 @@ def write_lossless(path: str | os.PathLike[str], pictures: Iterable[Picture], *,
                 if sink is None:
                     sink = sinks.Cv2Sink(partial, "ffv1", rate, picture.shape[1], picture.shape[0])
                 sink.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), 0)
-            if sink is not None:
-                sink.close()
+            if sink is None:
+                raise OptionError(f"{path}: got no picture, expected at least one")
+            sink.close()
         except BaseException:
             if sink is not None:
                 sink.abandon()
             raise
-
-
-class _Discarded(Exception):  # noqa: N818 - a signal to `writing`, never seen outside
-    """Why a partial file is removed when nothing failed."""

@@ -9,17 +9,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
-__all__ = ["CsvTable", "cell", "discard_working", "partial_name", "working_name"]
+from .._files import Working, remove_leftovers
+
+__all__ = ["CsvTable", "cell", "discard_working", "partial_name"]
 
 
 def partial_name(path: Path) -> Path:
     """Name under which the unfinished result for `path` is kept: ``motion.csv`` gives ``motion.partial.csv``."""
     return path.with_name(f"{path.stem}.partial{path.suffix}")
-
-
-def working_name(path: Path) -> Path:
-    """Name of the file that is being written for `path`: hidden, in the same folder, of this process alone."""
-    return path.with_name(f".{path.stem}.working-{os.getpid()}{path.suffix}")
 
 
 def cell(value: object) -> str:
@@ -46,8 +43,7 @@ def cell(value: object) -> str:
 
 def discard_working(folder: Path) -> None:
     """Remove what a process that died was writing in `folder`, and the folder if nothing else is in it."""
-    for path in folder.glob(".*.working-*"):
-        path.unlink(missing_ok=True)
+    remove_leftovers(folder)
     with contextlib.suppress(OSError):
         folder.rmdir()
 
@@ -70,8 +66,8 @@ class CsvTable:
         self.path = Path(path)
         self.columns = tuple(columns)
         self.rows = 0
-        self._working = working_name(self.path)
-        self._file = self._working.open("wb", buffering=0)
+        self._working = Working(self.path)
+        self._file = self._working.path.open("wb", buffering=0)
         self._end = 0
         try:
             self._write(",".join(self.columns))
@@ -118,14 +114,12 @@ class CsvTable:
         """Close the table and name it: `path`, or its partial name where the run did not end well."""
         self.close()
         final = self.path if complete else partial_name(self.path)
-        if self._working.exists():
-            self._working.replace(final)
-        return final
+        return self._working.keep(final)
 
     def discard(self) -> None:
         """Close the table and remove what was written."""
         self._file.close()
-        self._working.unlink(missing_ok=True)
+        self._working.discard()
 
     def __enter__(self) -> CsvTable:
         return self

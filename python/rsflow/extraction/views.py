@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._files import working_name
 from .background import BackgroundWorker
-from .tables import partial_name, working_name
+from .tables import partial_name
 
 if TYPE_CHECKING:
     from .pipeline import Measured
