@@ -186,7 +186,7 @@ BAD_CALLS = {
         OptionError,
         "window_size: got 2 x 2, expected 3",
     ),
-    "window type": (lambda f: rsflow.track_points(f, f, [], window_size="a"), OptionError, "window_size: got 'a'"),
+    "window type": (lambda f: rsflow.track_points(f, f, [], window_size="a"), OptionError, 'window_size: got "a"'),
     "levels": (lambda f: rsflow.track_points(f, f, [], levels=0), OptionError, "levels: got 0, expected 1 to 16"),
     "negative levels": (lambda f: rsflow.track_points(f, f, [], levels=-1), OptionError, "levels: got -1"),
     "level type": (
@@ -201,7 +201,7 @@ BAD_CALLS = {
     ),
     "iterations": (lambda f: rsflow.track_points(f, f, [], max_iterations=0), OptionError, "max_iterations: got 0"),
     "epsilon": (lambda f: rsflow.track_points(f, f, [], epsilon=0), OptionError, "epsilon: got 0"),
-    "epsilon type": (lambda f: rsflow.track_points(f, f, [], epsilon="x"), OptionError, "epsilon: got 'x'"),
+    "epsilon type": (lambda f: rsflow.track_points(f, f, [], epsilon="x"), OptionError, 'epsilon: got "x"'),
     "light": (lambda f: rsflow.track_points(f, f, [], illumination="dark"), OptionError, 'illumination: got "dark"'),
     "back": (
         lambda f: rsflow.track_points(f, f, [], max_forward_backward=-1),

@@ -6,18 +6,17 @@ import os
 import threading
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core
-from .errors import DTypeError, OptionError, ShapeError
+from . import _checks, _core
+from ._checks import knobs
+from ._checks.knobs import Illumination, Preset
+from .errors import DTypeError, ShapeError
 
 __all__ = ["DenseFlow", "FlowField", "Preset", "dense_flow"]
-
-Preset = Literal["fast", "balanced", "accurate"]
-Illumination = Literal["none", "offset", "gain_offset"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,8 +269,10 @@ def dense_flow(
     >>> bool(np.abs(field.mean() - [1.5, -0.5]).max() < 0.02)
     True
     """
-    core = _kept_core(preset, illumination, max_displacement, np.size(prev))
-    return _field(core.pair(prev, next, _as_initial(initial), mask))
+    options = (knobs.preset(preset), knobs.illumination(illumination), knobs.max_displacement(max_displacement))
+    before, after = _checks.frame("prev", prev), _checks.frame("next", next)
+    start, where = _as_initial(initial), _checks.mask_or_none("mask", mask, before.shape)
+    return _field(_kept_core(*options, before.size).pair(before, after, start, where))
 
 
 # One estimator a thread is kept from call to call, for its memory. Frames of more pixels than this give theirs back
@@ -281,18 +282,13 @@ _KEPT_PIXELS = 1 << 21
 _kept = threading.local()
 
 
-def _new_core(preset: str, illumination: str, max_displacement: float | None) -> _core.DenseFlow:
-    most = None if max_displacement is None else _as_float("max_displacement", max_displacement)
-    return _core.DenseFlow(_as_text("preset", preset), _as_text("illumination", illumination), most)
-
-
 def _kept_core(preset: str, illumination: str, max_displacement: float | None, pixels: int) -> _core.DenseFlow:
     key = (preset, illumination, max_displacement, pixels if pixels > _KEPT_PIXELS else 0)
     before, _kept.latest = getattr(_kept, "latest", None), key
     if key[3] and key != before:
-        return _new_core(preset, illumination, max_displacement)
+        return _core.DenseFlow(preset, illumination, max_displacement)
     if getattr(_kept, "key", None) != key:
-        _kept.core = _new_core(preset, illumination, max_displacement)
+        _kept.core = _core.DenseFlow(preset, illumination, max_displacement)
         _kept.key = key
     core: _core.DenseFlow = _kept.core
     return core
@@ -330,9 +326,10 @@ class DenseFlow:
         initial: ArrayLike | FlowField | None = None,
         mask: NDArray[np.bool_] | None = None,
     ) -> None:
-        self._core = _new_core(preset, illumination, max_displacement)
+        options = (knobs.preset(preset), knobs.illumination(illumination), knobs.max_displacement(max_displacement))
+        self._core = _core.DenseFlow(*options)
         self._initial = _as_initial(initial)
-        self._mask = mask
+        self._mask = _checks.mask_or_none("mask", mask)
         self._started = False
 
     def update(self, frame: NDArray[Any]) -> FlowField | None:
@@ -348,6 +345,7 @@ class DenseFlow:
         ShapeError, DTypeError
             If the frame does not fit; the next frame is then a first one.
         """
+        frame = _checks.frame("frame", frame)
         parts = self._core.update(frame, self._initial if not self._started else None, self._mask)
         if parts is None:
             return None
@@ -368,24 +366,7 @@ def _field(parts: _core._FlowParts) -> FlowField:
 def _as_initial(initial: ArrayLike | FlowField | None) -> NDArray[np.float32] | None:
     if initial is None:
         return None
-    array = np.asarray(initial)
-    if array.dtype.kind not in "fiu":
-        raise DTypeError(f"initial: got dtype {array.dtype}, expected numbers, (height, width, 2)")
-    if array.ndim != 3 or array.shape[2] != 2:
-        raise ShapeError(f"initial: got shape {array.shape}, expected (height, width, 2)")
+    flow = _checks.array("initial", initial, ("height", "width", 2), "numbers, (height, width, 2)")
     # What float32 cannot hold is no start, as NaN is none.
     with np.errstate(over="ignore"):
-        return array.astype(np.float32, copy=False)
-
-
-def _as_text(name: str, value: object) -> str:
-    if not isinstance(value, str):
-        raise OptionError(f"{name}: got {value!r}, expected a name, as a string")
-    return value
-
-
-def _as_float(name: str, value: object) -> float:
-    try:
-        return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise OptionError(f"{name}: got {value!r}, expected a positive number of pixels, or None") from None
+        return flow.astype(np.float32, copy=False)

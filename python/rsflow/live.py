@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import _checks
+from ._checks import knobs
 from .errors import OptionError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ._checks.knobs import Illumination
+    from .camera.capture import Frames
     from .camera.model import Camera
 
 __all__ = ["LiveReading", "readings"]
@@ -96,7 +100,7 @@ def readings(
     height_m: float | None = None,
     height_std_m: float | None = None,
     roi: tuple[int, int, int, int] | None = None,
-    illumination: str = "gain_offset",
+    illumination: Illumination = "gain_offset",
     max_displacement: float | None = None,
     timeout_s: float = 5.0,
 ) -> Iterator[LiveReading]:
@@ -138,27 +142,40 @@ def readings(
     >>> [(reading.frame, round(reading.dx_px, 1)) for reading in live.readings(list(flight.images))]
     [(1, -0.6), (2, -0.6)]
     """
-    from . import estimate_shift, frames
-    from .extraction.rows import status_word
+    from . import frames
 
     if (camera is None) != (height_m is None):
-        raise OptionError("camera, height_m: a velocity needs both, got one of them")
+        raise OptionError("camera, height_m: got one of them, expected both, since a velocity follows from both")
+    if height_m is not None:
+        height_m = _checks.number("height_m", height_m, above=0, of="metres")
+    height_std_m = _checks.number_or_none("height_std_m", height_std_m, least=0, of="metres")
+    knobs.illumination(illumination)
+    knobs.max_displacement(max_displacement)
+    stream = frames(source, color=True, roi=roi, timeout_s=timeout_s)
+    ground = None if camera is None else {"camera": camera, "height_m": height_m, "height_std_m": height_std_m}
+    return _measured(stream, ground, roi, illumination=illumination, max_displacement=max_displacement)
+
+
+def _measured(
+    stream: Frames, ground: dict[str, Any] | None, roi: tuple[int, int, int, int] | None, **options: Any
+) -> Iterator[LiveReading]:
+    from . import estimate_shift
+    from .extraction.rows import status_word
+
     estimator: Any = None
     scaled = ""
     prev: Any = None
-    with frames(source, color=True, roi=roi, timeout_s=timeout_s) as stream:
+    with stream:
         for frame in stream:
-            if estimator is None and camera is not None:
+            if estimator is None and ground is not None:
                 from .extraction.metric import fitting_camera
                 from .velocity import VelocityEstimator
 
-                fitted, scaled = fitting_camera(camera, stream, roi)
-                estimator = VelocityEstimator(fitted, height_m=height_m, height_std_m=height_std_m)
+                fitted, scaled = fitting_camera(ground.pop("camera"), stream, roi)
+                estimator = VelocityEstimator(fitted, **ground)
             velocity = None if estimator is None else estimator.update(frame.image, frame.t_s)
             if prev is not None:
-                shift = estimate_shift(
-                    prev.image, frame.image, illumination=illumination, max_displacement=max_displacement
-                )
+                shift = estimate_shift(prev.image, frame.image, **options)
                 std = np.sqrt(np.diag(shift.covariance))
                 yield LiveReading(
                     frame=frame.index,

@@ -17,12 +17,13 @@ from . import _camera_motion, _parallax
 from . import _motion_evidence as evidence
 from . import _regions as regions
 from ._background import Background, warped
+from ._checks.knobs import Illumination, Preset
 from ._light import fit_light
 from ._motion_segmentation import MotionSegmentation
 from ._outline import Outline, shows_background
 from ._reduction import Reduction
 from .errors import DTypeError, OptionError, ShapeError
-from .flow import DenseFlow, Illumination, Preset
+from .flow import DenseFlow
 from .objects import ObjectTracker, TrackedObject
 
 if TYPE_CHECKING:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -10,8 +9,8 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from . import _core
-from .errors import DTypeError, OptionError
+from . import _checks, _core
+from ._checks import knobs
 
 __all__ = ["Shift", "ShiftStatus", "estimate_shift"]
 
@@ -108,25 +107,13 @@ class Shift:
 _STATUS = tuple(ShiftStatus)
 
 
-def _checked_roi(roi: Sequence[int]) -> tuple[int, int, int, int]:
-    """`roi` as four integers that are not negative."""
-    expected = "expected (x, y, width, height), four integers that are not negative"
-    try:
-        values = tuple(operator.index(value) for value in roi)
-    except TypeError:
-        raise DTypeError(f"roi: got {roi!r}, {expected}") from None
-    if len(values) != 4 or min(values) < 0:
-        raise OptionError(f"roi: got {roi!r}, {expected}")
-    return values[0], values[1], values[2], values[3]
-
-
 def estimate_shift(
     prev: npt.NDArray[np.generic],
     next: npt.NDArray[np.generic],
     *,
     roi: Sequence[int] | None = None,
     mask: npt.NDArray[np.bool_] | None = None,
-    illumination: str = "gain_offset",
+    illumination: knobs.Illumination = "gain_offset",
     max_displacement: float | None = None,
 ) -> Shift:
     """Measure how far a window, or the whole frame, moved from `prev` to `next`.
@@ -156,11 +143,11 @@ def estimate_shift(
     Raises
     ------
     DTypeError
-        If a frame, `mask` or `roi` has a type that is not supported, or the frames differ in type.
+        If a frame or `mask` has a type that is not supported, or the frames differ in type.
     ShapeError
         If a frame is not two-dimensional, or sizes differ.
     OptionError
-        If `roi` is not inside of the frame, or an option has a value outside of what it allows.
+        If `roi` is not four integers or not inside of the frame, or another option is outside of what it allows.
 
     Notes
     -----
@@ -186,8 +173,12 @@ def estimate_shift(
     >>> shift.valid, round(shift.dx, 2), round(shift.dy, 2), round(shift.gain, 2)
     (True, 2.25, -1.5, 1.2)
     """
-    window = None if roi is None else _checked_roi(roi)
+    window = None if roi is None else _checks.region("roi", roi)
+    light = knobs.illumination(illumination)
+    reach = knobs.max_displacement(max_displacement)
+    before, after = _checks.frame("prev", prev), _checks.frame("next", next)
+    where = _checks.mask_or_none("mask", mask, before.shape)
     dx, dy, covariance, gain, offset, residual, status = _core.estimate_shift(
-        prev, next, window, mask, illumination, max_displacement
+        before, after, window, where, light, reach
     )
     return Shift(dx, dy, covariance, gain, offset, residual, _STATUS[status])

@@ -6,18 +6,18 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core
+from . import _checks, _core
+from ._checks import knobs
+from ._checks.knobs import Illumination
 from ._track_table import TrackTable
-from .errors import DTypeError, OptionError, ShapeError
+from .errors import OptionError
 
 __all__ = ["Illumination", "PointStatus", "PointTracker", "TrackTable", "Tracks", "detect_corners", "track_points"]
-
-Illumination = Literal["none", "offset", "gain_offset"]
 
 
 class PointStatus(IntEnum):
@@ -206,8 +206,8 @@ def track_points(
     >>> tracks.valid
     array([ True,  True])
     """
-    origins = _points("points", points)
-    options = _options(
+    origins = _checks.points("points", points)
+    options = knobs.tracking(
         window_size=window_size,
         levels=levels,
         max_displacement=max_displacement,
@@ -216,8 +216,10 @@ def track_points(
         illumination=illumination,
         max_forward_backward=max_forward_backward,
     )
-    start = None if initial is None else _points("initial", initial)
-    found = _core.track_points(prev, next, origins, start, mask, options)
+    start = None if initial is None else _checks.points("initial", initial)
+    before, after = _checks.frame("prev", prev), _checks.frame("next", next)
+    where = _checks.mask_or_none("mask", mask, before.shape)
+    found = _core.track_points(before, after, origins, start, where, options)
     count = len(origins)
     return Tracks(**found, origins=origins, ids=np.arange(count, dtype=np.int64), ages=np.ones(count, dtype=np.uint32))
 
@@ -268,7 +270,9 @@ def detect_corners(
     >>> rsflow.detect_corners(frame).shape
     (4, 2)
     """
-    return _core.detect_corners(frame, mask, int(max_corners), float(quality), float(min_distance), 3, None)[0]
+    options = knobs.corners(max_corners, quality, min_distance)
+    frame = _checks.frame("frame", frame)
+    return _core.detect_corners(frame, _checks.mask_or_none("mask", mask, frame.shape), *options, 3, None)[0]
 
 
 class PointTracker:
@@ -317,7 +321,7 @@ class PointTracker:
         max_forward_backward: float | None = 0.5,
         record: bool = False,
     ) -> None:
-        options = _options(
+        options = knobs.tracking(
             window_size=window_size,
             levels=levels,
             max_displacement=max_displacement,
@@ -326,8 +330,8 @@ class PointTracker:
             illumination=illumination,
             max_forward_backward=max_forward_backward,
         )
-        self._tracker = _core.PointTracker(options, int(max_corners), float(quality), float(min_distance))
-        self._table = TrackTable() if record else None
+        self._tracker = _core.PointTracker(options, *knobs.corners(max_corners, quality, min_distance))
+        self._table = TrackTable() if _checks.flag("record", record) else None
         self._frame = 0
         self._t_s = math.nan
 
@@ -339,7 +343,7 @@ class PointTracker:
         frame : ndarray, shape (height, width)
             Grey levels: uint8, uint16 or float32, of the size of the frames before.
         t_s : float, optional
-            Its time in seconds, for the speeds of `to_table`.
+            Its time in seconds, for the speeds of `to_table`; NaN where it is not known.
         mask : ndarray of bool, shape (height, width), optional
             True where to measure in this frame.
 
@@ -354,8 +358,10 @@ class PointTracker:
         ShapeError, DTypeError
             If the frame is not one, or not of the size of those before.
         """
-        tracks = Tracks(**self._tracker.update(frame, mask))
-        time = math.nan if t_s is None else float(t_s)
+        frame = _checks.frame("frame", frame)
+        where = _checks.mask_or_none("mask", mask, frame.shape)
+        time = math.nan if t_s is None else _checks.number("t_s", t_s, of="seconds", or_nan=True, or_none=True)
+        tracks = Tracks(**self._tracker.update(frame, where))
         if self._table is not None:
             self._table.add(tracks, frame=self._frame, t_s=time, dt_s=time - self._t_s)
         self._frame += 1
@@ -388,37 +394,3 @@ class PointTracker:
         """Forget the frame before and its points; ids, the count of frames and the table go on."""
         self._tracker.reset()
         self._t_s = math.nan
-
-
-def _points(name: str, value: ArrayLike) -> NDArray[np.float32]:
-    """`value` as (N, 2) float32; an empty list has no points."""
-    array = np.asarray(value)
-    if array.size == 0 and array.ndim == 1:
-        array = array.reshape(0, 2)
-    if array.ndim != 2 or array.shape[1] != 2:
-        raise ShapeError(f"{name}: got shape {array.shape}, expected (N, 2), x and y of each point")
-    if array.dtype.kind not in "fiu":
-        raise DTypeError(f"{name}: got dtype {array.dtype}, expected numbers, x and y of each point")
-    return np.ascontiguousarray(array, dtype=np.float32)
-
-
-def _options(*, window_size: int | tuple[int, int], illumination: str, **options: Any) -> dict[str, Any]:
-    """Check and convert the options for lk-core's binding."""
-    try:
-        width, height = (window_size, window_size) if np.isscalar(window_size) else window_size  # type: ignore[misc]
-        options["window_size"] = (int(width), int(height))  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise OptionError(f"window_size: got {window_size!r}, expected an int or (width, height)") from None
-    for name in ("levels", "max_iterations"):
-        value = options[name]
-        if value is not None and not isinstance(value, (int, np.integer)):
-            raise OptionError(f"{name}: got {value!r}, expected an int")
-    for name in ("max_displacement", "epsilon", "max_forward_backward"):
-        value = options[name]
-        if value is None and name != "epsilon":
-            continue
-        if not isinstance(value, (int, float, np.integer, np.floating)):
-            raise OptionError(f"{name}: got {value!r}, expected a number of pixels")
-        options[name] = float(value)
-    options["illumination"] = str(illumination)
-    return options

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
+from .. import _checks
+from .._checks import knobs
+from .._checks.knobs import Illumination, Preset
 from ..errors import OptionError
 
 if TYPE_CHECKING:
@@ -16,8 +18,6 @@ if TYPE_CHECKING:
 __all__ = ["CameraMotion", "ExtractSettings", "Illumination", "Preset"]
 
 CameraMotion = Literal["auto", "moving", "static"]
-Illumination = Literal["none", "offset", "gain_offset"]
-Preset = Literal["fast", "balanced", "accurate"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,21 +48,24 @@ class ExtractSettings:
 
     def validate(self) -> None:
         """Raise OptionError for what no source could satisfy."""
-        for name, value, allowed in (
-            ("preset", self.preset, get_args(Preset)),
-            ("illumination", self.illumination, get_args(Illumination)),
-            ("camera_motion", self.camera_motion, get_args(CameraMotion)),
-        ):
-            if value not in allowed:
-                raise OptionError(f"{name}: got {value!r}, expected one of {', '.join(allowed)}")
+        knobs.preset(self.preset)
+        knobs.illumination(self.illumination)
+        knobs.max_displacement(self.max_displacement)
+        _checks.choice("camera_motion", self.camera_motion, get_args(CameraMotion))
+        _checks.flag("videos", self.videos)
+        for name, least in (("start", 0), ("stop", 0), ("stride", 1)):
+            if getattr(self, name) is not None or name == "stride":
+                _checks.integer(name, getattr(self, name), least=least)
+        if self.roi is not None:
+            _checks.region("roi", self.roi)
+        _checks.number_or_none("frame_rate", self.frame_rate, above=0, of="frames per second")
         if self.height_m is not None and self.camera is None:
             raise OptionError("height_m: a height needs a camera too, since a velocity follows from both: pass camera=")
         if self.camera is not None and self.height_m is None:
             raise OptionError("camera: a camera needs a height too, since a velocity follows from both: pass height_m=")
-        if isinstance(self.height_m, (int, float)) and not (math.isfinite(self.height_m) and self.height_m > 0):
-            raise OptionError(f"height_m: got {self.height_m}, expected metres above 0")
-        if self.height_std_m is not None and not (math.isfinite(self.height_std_m) and self.height_std_m >= 0):
-            raise OptionError(f"height_std_m: got {self.height_std_m}, expected metres, 0 or above")
+        if self.height_m is not None and not isinstance(self.height_m, (str, os.PathLike)):
+            _checks.number("height_m", self.height_m, above=0, of="metres")
+        _checks.number_or_none("height_std_m", self.height_std_m, least=0, of="metres")
         if self.stop is not None and self.stop <= (self.start or 0):
             raise OptionError(f"stop: got {self.stop}, expected a frame number above start ({self.start or 0})")
 

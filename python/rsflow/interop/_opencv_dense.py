@@ -6,9 +6,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from rsflow._checks.knobs import Illumination, Preset
 from rsflow.errors import OptionError
 from rsflow.flow import DenseFlow as _Estimator
-from rsflow.flow import Illumination, Preset, dense_flow
+from rsflow.flow import dense_flow
 
 from ._outputs import in_place
 

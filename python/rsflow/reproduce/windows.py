@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._checks.knobs import Illumination
 from ..errors import OptionError
 from ..shift import estimate_shift
 from ..synthetic import Lighting, Sensor, gain, offset, ramp, texture
@@ -79,7 +80,7 @@ class Condition:
     name: str
     light: Lighting | None = None
     noise: float = 0.0
-    illumination: str = "gain_offset"
+    illumination: Illumination = "gain_offset"
 
 
 # The first two are the report's tables 4-1 and 4-2.

@@ -1,0 +1,82 @@
+"""Knobs that several estimators share, so that each means the same, and fails the same, wherever it is given."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from .messages import refused
+from .options import FLOAT32_MAX, choice, integer, integers, number, number_or_none, whole
+
+Illumination = Literal["none", "offset", "gain_offset"]
+Preset = Literal["fast", "balanced", "accurate"]
+
+
+def illumination(value: object) -> Illumination:
+    """Take what the light may do."""
+    word: Illumination = choice("illumination", value, get_args(Illumination))
+    return word
+
+
+def preset(value: object) -> Preset:
+    """Take how much time to spend on how much accuracy."""
+    word: Preset = choice("preset", value, get_args(Preset))
+    return word
+
+
+def max_displacement(value: object) -> float | None:
+    """Take the longest displacement to look for: a length in pixels, above 0, or None.
+
+    Examples
+    --------
+    >>> max_displacement(0)
+    Traceback (most recent call last):
+    rsflow.errors.OptionError: max_displacement: got 0, expected a positive number of pixels, or None
+    """
+    found = number_or_none("max_displacement", value, above=0, most=FLOAT32_MAX, of="pixels")
+    if found is not None and np.float32(found) == 0:
+        raise refused("max_displacement", value, "a positive number of pixels that float32 can hold, or None")
+    return found
+
+
+def corners(max_corners: object, quality: object, min_distance: object) -> tuple[int, float, float]:
+    """Take how many corners to find, how strong and how far apart; their ranges are checked by lk-core."""
+    return (
+        integer("max_corners", max_corners),
+        number("quality", quality, most=FLOAT32_MAX),
+        number("min_distance", min_distance, most=FLOAT32_MAX, of="pixels"),
+    )
+
+
+def tracking(
+    *,
+    window_size: object,
+    levels: object,
+    max_iterations: object,
+    epsilon: object,
+    max_forward_backward: object,
+    **shared: object,
+) -> dict[str, Any]:
+    """Take the options of tracking as lk-core's binding wants them; their ranges are checked by lk-core."""
+    return {
+        "window_size": _window_size(window_size),
+        "levels": None if levels is None else integer("levels", levels, or_none=True),
+        "max_displacement": max_displacement(shared["max_displacement"]),
+        "max_iterations": integer("max_iterations", max_iterations),
+        "epsilon": number("epsilon", epsilon, most=FLOAT32_MAX, of="pixels"),
+        "illumination": illumination(shared["illumination"]),
+        "max_forward_backward": number_or_none(
+            "max_forward_backward", max_forward_backward, most=FLOAT32_MAX, of="pixels"
+        ),
+    }
+
+
+def _window_size(value: object) -> tuple[int, int]:
+    """Take the side of a square window, or its width and height."""
+    expected = "an integer of pixels, or (width, height)"
+    side = whole(value)
+    if side is not None:
+        value = (side, side)
+    width, height = integers("window_size", value, 2, expected)
+    return width, height
