@@ -302,7 +302,7 @@ def test_misuse_says_what_is_wrong(tmp_path: Path) -> None:
 def test_folders_and_missing_files(tmp_path: Path, suffix: str) -> None:
     folder = tmp_path / f"folder{suffix}"
     folder.mkdir()
-    with pytest.raises(rsflow.FormatError, match="is a folder"):
+    with pytest.raises(rsflow.FormatError, match="got a folder, expected a regular file"):
         rsflow.read_flow(folder)
     with pytest.raises(FileNotFoundError):
         rsflow.read_flow(tmp_path / f"none{suffix}")

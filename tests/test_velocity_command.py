@@ -206,12 +206,12 @@ def test_heights_between_and_outside(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "the first line has the columns none, expected height_m and one of t_s, frame"),
-        ("time,height_m\n0,1\n", "columns time, height_m, expected height_m and one of t_s, frame"),
+        ("", "got an empty file, expected height_m and one of t_s, frame"),
+        ("time,height_m\n0,1\n", "columns time, height_m, expected height_m and one of t_s, t_ms, t_us, t_ns, frame"),
         ("t_s,height_m\n", "no row after the header"),
-        ("t_s,height_m\n0,tall\n", "row 2: height_m is 'tall', expected a number"),
-        ("t_s,height_m\n0,1\n,1\n", "row 3: t_s is '', expected a number"),
-        ("t_s,height_m\n1,1\n1,1\n", "row 3: t_s is 1, expected each later than the one before"),
+        ("t_s,height_m\n0,tall\n", "row 2: got 'tall', expected a number for height_m"),
+        ("t_s,height_m\n0,1\n,1\n", "row 3: got '', expected a time in seconds"),
+        ("t_s,height_m\n1,1\n1,1\n", "row 3: t_s: got 1 after 1, expected strictly increasing times"),
         ("t_s,height_m\n1,1\n2,-1\n", "row 3: height_m is -1, expected metres above 0"),
         ("t_s,height_m\n1,inf\n", "row 2: height_m is inf"),
     ],
@@ -228,7 +228,7 @@ def test_bad_heights_are_named(tmp_path: Path, text: str, message: str) -> None:
 def test_heights_that_are_no_text(tmp_path: Path) -> None:
     path = tmp_path / "h.csv"
     path.write_bytes(b"\xff\xfe\x00\x81t_s")
-    with pytest.raises(FormatError, match="not a CSV text file"):
+    with pytest.raises(FormatError, match="not a text file in UTF-8"):
         Heights.read(path)
     with pytest.raises(OSError, match=r"none\.csv"):
         Heights.read(tmp_path / "none.csv")

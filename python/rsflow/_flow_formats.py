@@ -1,22 +1,22 @@
 """The formats of flow files, for `rsflow.io`: a reader and a writer for each.
 
-A reader is given the path, for messages, the open file and its length, and holds what the header claims against that
-length before it allocates. A writer is given where to write, the flow with NaN in both components where it is unknown,
-and what `.npz` keeps besides.
+A reader is given the path, for messages, the open file, its length and the limit on pixels, and holds what the header
+claims against both before it allocates. A writer is given where to write, the flow with NaN in both components where it
+is unknown, and what `.npz` keeps besides.
 """
 
 from __future__ import annotations
 
 import math
-import os
 import tokenize
 import zipfile
-import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from ._limits import check_pixels
+from ._picture_headers import HeaderError, picture_header
 from .errors import FormatError, OptionError
 
 if TYPE_CHECKING:
@@ -38,11 +38,33 @@ _KITTI_SCALE = 64.0
 _KITTI_ZERO = 32768.0
 _KITTI_HIGHEST = (65535.0 - _KITTI_ZERO) / _KITTI_SCALE
 
+# Times are one number each.
+_TIME_BYTES = 1024
+
+# What numpy raises for a header that is none: it tokenizes and evaluates the text.
+_HEADER_ERRORS = (
+    ValueError,
+    TypeError,
+    OverflowError,
+    EOFError,
+    SyntaxError,
+    tokenize.TokenError,
+    RecursionError,
+    MemoryError,
+    KeyError,
+    AttributeError,
+    SystemError,
+)
+
 # No deflate stream grows by more than this (zlib's technical notes): a header that claims more is lying.
 _DEFLATE_LIMIT = 1032
 
 
-def _expect_length(path: Path, header: int, width: int, height: int, pixel: int, size: int) -> None:
+# Bytes of a pixel of a flow: two float32.
+_FLOW_BYTES = 8
+
+
+def _expect_length(path: Path, header: int, width: int, height: int, pixel: int, size: int, limit: int) -> None:
     """Hold the size that a header claims against the length of the file, in Python's unbounded integers."""
     if width < 1 or height < 1:
         raise FormatError(f"{path}: the header says {width} x {height} pixels, expected at least 1 x 1")
@@ -51,16 +73,17 @@ def _expect_length(path: Path, header: int, width: int, height: int, pixel: int,
         raise FormatError(
             f"{path}: the header says {width} x {height} pixels, which takes {expected} bytes, but the file has {size}"
         )
+    check_pixels(str(path), width, height, pixel_bytes=_FLOW_BYTES, file_bytes=size, limit=limit, allowed=_FLOW_BYTES)
 
 
-def _read_flo(path: Path, file: BinaryIO, size: int) -> NDArray[np.float32]:
+def _read_flo(path: Path, file: BinaryIO, size: int, limit: int) -> NDArray[np.float32]:
     header = file.read(12)
     if header[:4] != _FLO_MAGIC:
         raise FormatError(f"{path}: not a .flo file: starts with {header[:4]!r}, expected {_FLO_MAGIC!r} (202021.25)")
     if len(header) < 12:
         raise FormatError(f"{path}: the header is cut off after {len(header)} bytes, expected 12")
     width, height = (int(n) for n in np.frombuffer(header, "<i4", offset=4))
-    _expect_length(path, 12, width, height, 8, size)
+    _expect_length(path, 12, width, height, 8, size, limit)
     return np.fromfile(file, "<f4", width * height * 2).reshape(height, width, 2).astype(np.float32, copy=False)
 
 
@@ -71,28 +94,34 @@ def _write_flo(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> None
         file.write(np.where(np.isnan(uv), _FLO_UNKNOWN, uv).astype("<f4").tobytes())
 
 
-def _read_kitti(path: Path, file: BinaryIO, size: int) -> NDArray[np.float32]:
-    head = file.read(26)
-    if head[:8] != b"\x89PNG\r\n\x1a\n" or head[12:16] != b"IHDR" or len(head) < 26:
+def _read_kitti(path: Path, file: BinaryIO, size: int, limit: int) -> NDArray[np.float32]:
+    if size > 16 * limit:
+        raise FormatError(f"{path}: got {size} bytes, expected a PNG of at most {16 * limit}")
+    data = file.read()
+    if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 26:
         raise FormatError(f"{path}: not a PNG file")
-    width, height = (int(n) for n in np.frombuffer(head, ">u4", 2, 16))
-    depth, kind = head[24], head[25]
+    depth, kind = data[24], data[25]
     if (depth, kind) != (16, 2):
         raise FormatError(
             f"{path}: not a KITTI flow: expected 16 bits of RGB, got {depth} bits of PNG colour type {kind}"
         )
-    if width < 1 or height < 1 or width * height * 6 > _DEFLATE_LIMIT * size:
-        raise FormatError(f"{path}: the header says {width} x {height} pixels, which {size} bytes cannot hold")
-    file.seek(-min(size, 12), os.SEEK_END)
-    if file.read(12)[4:8] != b"IEND":
-        raise FormatError(f"{path}: the PNG is cut off: it does not end in an IEND chunk")
-    file.seek(0)
+    try:
+        header = picture_header(data)
+    except HeaderError as error:
+        raise FormatError(f"{path}: the PNG is damaged or cut off: {error}") from None
+    if header is None or len(header.pages) > 1:
+        raise FormatError(f"{path}: an animated PNG is no flow, expected one picture")
+    width, height = header.width, header.height
+    check_pixels(str(path), width, height, pixel_bytes=_FLOW_BYTES, file_bytes=size, limit=limit, allowed=_FLOW_BYTES)
     import cv2
 
-    try:
-        picture = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise FormatError(f"{path}: the PNG cannot be decoded: {error.err}") from None
+    from .camera._video import quiet
+
+    with quiet():
+        try:
+            picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        except cv2.error as error:
+            raise FormatError(f"{path}: the PNG cannot be decoded: {error.err}") from None
     if picture is None or picture.dtype != np.uint16 or picture.shape != (height, width, 3):
         raise FormatError(f"{path}: the PNG cannot be decoded")
     # OpenCV's order is B, G, R: validity, v, u.
@@ -126,7 +155,7 @@ def _write_kitti(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> No
         file.write(data.tobytes())
 
 
-def _array(path: Path, file: BinaryIO, size: int, what: str) -> NDArray[Any]:
+def _array(path: Path, file: BinaryIO, size: int, what: str, packed: int, limit: int) -> NDArray[Any]:
     """Read one array in numpy's format from a stream of `size` bytes; its header is believed only if it fits."""
     try:
         version = np.lib.format.read_magic(file)
@@ -136,7 +165,7 @@ def _array(path: Path, file: BinaryIO, size: int, what: str) -> NDArray[Any]:
             shape, fortran, dtype = np.lib.format.read_array_header_2_0(file)
         else:
             raise ValueError(f"version {version} of the npy format")
-    except (ValueError, TypeError, OverflowError, EOFError, SyntaxError, tokenize.TokenError) as error:
+    except _HEADER_ERRORS as error:
         raise FormatError(f"{path}: {what} is not a numpy array: {' '.join(str(error).split())}") from None
     if dtype.kind not in "biuf":
         raise FormatError(f"{path}: {what} must be of real numbers, got dtype {dtype}")
@@ -146,19 +175,43 @@ def _array(path: Path, file: BinaryIO, size: int, what: str) -> NDArray[Any]:
             f"{path}: the header of {what} says {shape} {dtype}, which takes {length} bytes, "
             f"but {size - file.tell()} follow"
         )
-    data = np.frombuffer(file.read(length), dtype)
+    if length:
+        check_pixels(
+            f"{path}: {what}",
+            -(-math.prod(shape) // 2),
+            1,
+            pixel_bytes=2 * max(4, dtype.itemsize),
+            file_bytes=packed,
+            limit=limit,
+            allowed=2 * _FLOW_BYTES,
+        )
+    data = np.frombuffer(_exactly(file, length), dtype)
     return data.reshape(shape[::-1]).T if fortran else data.reshape(shape)
+
+
+def _exactly(file: BinaryIO, length: int) -> bytearray:
+    """Read `length` bytes: less is an error, and no byte is unpacked beyond."""
+    data = bytearray(length)
+    view, done = memoryview(data), 0
+    while done < length:
+        chunk = file.read(min(length - done, 2**24))
+        if not chunk:
+            raise EOFError(f"got {done} bytes, expected {length}")
+        view[done : done + len(chunk)] = chunk
+        done += len(chunk)
+    return data
 
 
 def _as_flow(path: Path, array: NDArray[Any], what: str) -> NDArray[np.float32]:
     if array.ndim != 3 or array.shape[2] != 2 or array.size == 0 or array.dtype.kind == "b":
         raise FormatError(f"{path}: {what} must be (height, width, 2) numbers, got {array.shape} {array.dtype}")
-    with np.errstate(over="ignore"):
-        return np.array(array, np.float32, order="C")
+    with np.errstate(over="ignore", invalid="ignore"):
+        # In place where it can be: a copy of what was just read would double the memory.
+        return np.require(array, np.float32, ["C", "W"])
 
 
-def _read_npy(path: Path, file: BinaryIO, size: int) -> NDArray[np.float32]:
-    return _as_flow(path, _array(path, file, size, "the array"), "the array")
+def _read_npy(path: Path, file: BinaryIO, size: int, limit: int) -> NDArray[np.float32]:
+    return _as_flow(path, _array(path, file, size, "the array", size, limit), "the array")
 
 
 def _write_npy(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> None:
@@ -169,30 +222,34 @@ def _write_npy(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> None
 def _zip(path: Path, file: BinaryIO) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(file)
-    except (zipfile.BadZipFile, ValueError, OSError, NotImplementedError) as error:
+    except MemoryError:
+        raise
+    except Exception as error:
+        # zipfile trusts the fields that it unpacks: struct, Unicode and index errors come out of damaged ones.
         raise FormatError(f"{path}: not an .npz file: {error}") from None
 
 
-def _member(path: Path, archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+def _member(path: Path, archive: zipfile.ZipFile, name: str, limit: int) -> NDArray[Any]:
     try:
         info = archive.getinfo(f"{name}.npy")
         if info.file_size > _DEFLATE_LIMIT * (info.compress_size + 64):
             raise FormatError(f"{path}: {name} claims {info.file_size} bytes, too many for {info.compress_size} packed")
         with archive.open(info) as stream:
-            return _array(path, stream, info.file_size, name)  # type: ignore[arg-type]
+            return _array(path, stream, info.file_size, name, info.compress_size, limit)  # type: ignore[arg-type]
     except KeyError:
         raise FormatError(f"{path}: has no array {name!r}, but {sorted(archive.namelist())}") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
-        if isinstance(error, FormatError):
-            raise
+    except (FormatError, MemoryError):
+        raise
+    except Exception as error:
+        # What a damaged stream raises differs with the packing: zlib, bz2, lzma and zstd have errors of their own.
         raise FormatError(f"{path}: {name} cannot be unpacked: {error}") from None
 
 
-def _read_npz(path: Path, file: BinaryIO, _: int) -> NDArray[np.float32]:
+def _read_npz(path: Path, file: BinaryIO, _: int, limit: int) -> NDArray[np.float32]:
     with _zip(path, file) as archive:
-        uv = _as_flow(path, _member(path, archive, "flow"), "flow")
+        uv = _as_flow(path, _member(path, archive, "flow", limit), "flow")
         if "valid.npy" in archive.namelist():
-            valid = _member(path, archive, "valid")
+            valid = _member(path, archive, "valid", limit)
             if valid.shape != uv.shape[:2]:
                 raise FormatError(f"{path}: valid must be {uv.shape[:2]} as flow is, got {valid.shape}")
             uv[valid == 0] = np.nan
@@ -204,7 +261,7 @@ def npz_times(path: Path, file: BinaryIO) -> tuple[float, float] | None:
     with _zip(path, file) as archive:
         if not {"t0.npy", "t1.npy"} <= set(archive.namelist()):
             return None
-        times = [_member(path, archive, name) for name in ("t0", "t1")]
+        times = [_member(path, archive, name, _TIME_BYTES) for name in ("t0", "t1")]
     if any(time.size != 1 or time.dtype.kind not in "fiu" for time in times):
         raise FormatError(f"{path}: t0 and t1 must each be one number, got {times[0]!r} and {times[1]!r}")
     return float(times[0].reshape(())), float(times[1].reshape(()))
@@ -216,7 +273,7 @@ def _write_npz(path: Path, uv: NDArray[np.float32], times: dict[str, float]) -> 
         np.savez_compressed(file, **arrays)
 
 
-def _read_pfm(path: Path, file: BinaryIO, size: int) -> NDArray[np.float32]:
+def _read_pfm(path: Path, file: BinaryIO, size: int, limit: int) -> NDArray[np.float32]:
     fields = [file.readline(64).strip() for _ in range(2)]
     if fields[0] == b"Pf":
         raise FormatError(f"{path}: a .pfm of one channel is no flow (a disparity map?), expected three")
@@ -229,7 +286,7 @@ def _read_pfm(path: Path, file: BinaryIO, size: int) -> NDArray[np.float32]:
             raise ValueError
     except ValueError:
         raise FormatError(f"{path}: a .pfm header must be 'PF', 'width height' and a scale that is not 0") from None
-    _expect_length(path, file.tell(), width, height, 12, size)
+    _expect_length(path, file.tell(), width, height, 12, size, limit)
     # The sign of the scale is the order of bytes; its size is a unit of light and has no meaning for flow.
     data = np.frombuffer(file.read(), "<f4" if scale < 0 else ">f4").reshape(height, width, 3)
     return np.array(data[::-1, :, :2], np.float32, order="C")
@@ -244,7 +301,7 @@ def _write_pfm(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> None
         file.write(data.tobytes())
 
 
-READERS: dict[str, Callable[[Path, BinaryIO, int], NDArray[np.float32]]] = {
+READERS: dict[str, Callable[[Path, BinaryIO, int, int], NDArray[np.float32]]] = {
     ".flo": _read_flo,
     ".png": _read_kitti,
     ".npy": _read_npy,

@@ -16,6 +16,7 @@ import numpy as np
 
 from ._files import writing
 from ._flow_formats import READERS, UNKNOWN_FROM, WRITERS, npz_times
+from ._limits import max_pixels_of, opened
 from .errors import DTypeError, FormatError, OptionError, ShapeError
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class FlowLike(Protocol):
         """Where it is known, (height, width)."""
 
 
-def read_flow(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+def read_flow(path: str | os.PathLike[str], *, max_pixels: int | None = None) -> NDArray[np.float32]:
     """Read a flow field; the suffix says the format.
 
     Parameters
@@ -55,6 +56,8 @@ def read_flow(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     path : path
         ``.flo`` (Middlebury), ``.png`` (KITTI, 16 bits), ``.npy`` ((height, width, 2)), ``.npz`` (``flow`` and, if it
         is there, ``valid``) or ``.pfm`` (three channels, the third is not used, nor is the size of the scale).
+    max_pixels : int, optional
+        Pixels that a flow may have, 2**28 by default or what the environment variable ``RSFLOW_MAX_PIXELS`` says.
 
     Returns
     -------
@@ -64,8 +67,8 @@ def read_flow(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     Raises
     ------
     FormatError
-        If the suffix is not one of these, the content is not what the format demands, or the file is shorter or
-        longer than its header says.
+        If the suffix is not one of these, the content is not what the format demands, the file is shorter or longer
+        than its header says or no regular file, or the flow is beyond the limit.
     OSError
         If the file cannot be opened.
 
@@ -89,10 +92,9 @@ def read_flow(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise FormatError(f"{path}: cannot tell the flow format of {path.suffix!r}; expected one of {_names()}")
-    if path.is_dir():
-        raise FormatError(f"{path} is a folder, expected a flow file")
-    with path.open("rb") as file:
-        uv = reader(path, file, os.fstat(file.fileno()).st_size)
+    limit = max_pixels_of(max_pixels)
+    with opened(path) as (file, size):
+        uv = reader(path, file, size, limit)
     unknown = ~(np.abs(uv) <= UNKNOWN_FROM).all(axis=2)
     uv[unknown] = np.nan
     return uv
@@ -128,7 +130,7 @@ def read_flow_times(path: str | os.PathLike[str]) -> tuple[float, float] | None:
     path = Path(path)
     if path.suffix.lower() != ".npz":
         return None
-    with path.open("rb") as file:
+    with opened(path) as (file, _):
         return npz_times(path, file)
 
 

@@ -29,7 +29,8 @@ def parse(path: str, text: str) -> dict[str, Any]:
     import cv2
 
     # OpenCV allocates what rows and cols say before it looks at the data: no matrix has more elements than characters.
-    sizes = re.findall(r"[\"<\s](?:rows|cols)[\">]*\s*[:>]?\s*(-?\d+)", text)
+    # Runs are bounded: without that, a megabyte of blanks takes the square of that many steps.
+    sizes = re.findall(r"[\"<\s](?:rows|cols)[\">]{0,2}\s{0,64}[:>]?\s{0,64}(-?\d{1,20})", text)
     for rows, cols in zip(sizes[0::2], sizes[1::2], strict=False):
         if not 0 <= int(rows) * int(cols) <= len(text) or int(rows) < 0:
             raise FormatError(f"{path}: got a matrix of {rows} x {cols} in a file of {len(text)} characters")

@@ -37,6 +37,7 @@ class LiveReader:
         self.count: int | None = None
         self.timestamps: Timestamps = "clock"
         self.live = True
+        self.exact = False
         self._device = source
         self._timeout_s = timeout_s
         self._camera_size = camera_size

@@ -23,7 +23,10 @@ class Raw:
 
 
 class Reader(Protocol):
-    """One kind of source. `read` gives the next frame, or None at the end, or raises `CaptureError`."""
+    """One kind of source. `read` gives the next frame, or None at the end, or raises `CaptureError`.
+
+    `exact` says whether `count` is counted rather than a container's estimate.
+    """
 
     source: str
     size: tuple[int, int] | None
@@ -31,6 +34,7 @@ class Reader(Protocol):
     count: int | None
     timestamps: Timestamps
     live: bool
+    exact: bool
 
     @property
     def notes(self) -> tuple[str, ...]:

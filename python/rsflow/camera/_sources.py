@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import glob
+import math
 import os
 import re
+import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._checks import number
+from .._limits import kind_of
+from .._picture_headers import HeaderError, picture_header
 from ..errors import CaptureError, DTypeError, OptionError
+from ._pages import PagesReader, PictureFile, read_picture
 from ._reader import Raw, Reader, Timestamps
 from .capture import Frame, Frames
 
@@ -27,7 +33,9 @@ def natural_key(path: Path) -> tuple[tuple[int, int | str], ...]:
     return tuple((0, int(part)) if part.isdigit() else (1, part.casefold()) for part in parts if part)
 
 
-def open_source(source: Any, *, newest: bool | None, timeout_s: float, camera_size: tuple[int, int] | None) -> Reader:
+def open_source(
+    source: Any, *, newest: bool | None, timeout_s: float, camera_size: tuple[int, int] | None, limit: int
+) -> Reader:
     """Find out what `source` is and open it."""
     live = _live_name(source, newest)
     if live is not None:
@@ -47,18 +55,20 @@ def open_source(source: Any, *, newest: bool | None, timeout_s: float, camera_si
             raise OptionError(
                 f"source: got one array of shape {source.shape}, expected (N, H, W), (N, H, W, 3) or a list"
             )
-        return ArrayReader(source, len(source))
+        return ArrayReader(source, len(source), limit)
     if isinstance(source, (str, os.PathLike)):
-        return _open_path(os.fspath(source))
+        return _open_path(os.fspath(source), limit)
     if not isinstance(source, Iterable):
         raise OptionError(f"source: got {type(source).__name__}, expected an index, a path, a URL, arrays or a list")
     if isinstance(source, (list, tuple)):
         if not source:
             raise CaptureError("source: got an empty list, expected at least one frame")
         if all(isinstance(item, (str, os.PathLike)) for item in source):
-            return PictureReader([Path(item) for item in source], f"list of {len(source)} pictures")
-        return ArrayReader(source, len(source))
-    return ArrayReader(source, None)
+            if len(source) == 1:
+                return _picture_source(Path(source[0]), limit)
+            return PictureReader([Path(item) for item in source], f"list of {len(source)} pictures", limit)
+        return ArrayReader(source, len(source), limit)
+    return ArrayReader(source, None, limit)
 
 
 def _live_name(source: Any, newest: bool | None) -> int | str | None:
@@ -83,31 +93,74 @@ def _name(source: Any) -> str:
     return str(source) if isinstance(source, (str, os.PathLike)) else f"a {type(source).__name__}"
 
 
-def _open_path(text: str) -> Reader:
+def _open_path(text: str, limit: int) -> Reader:
     from ._video import VideoReader
 
     if not text:
         raise CaptureError("source: got an empty path")
+    if "\0" in text:
+        raise CaptureError(f"source: got {text[:80]!r}, which is no path")
     if "://" in text:
-        return VideoReader(text)
+        return VideoReader(text, limit)
     path = Path(text)
-    if path.is_dir():
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return _open_pattern(text, limit)
+    except OSError as error:
+        raise CaptureError(f"{text[:200]}: cannot be read: {error.strerror or error}") from None
+    if stat.S_ISDIR(mode):
         found = [item for item in path.iterdir() if item.suffix.lower() in _PICTURES and not item.name.startswith(".")]
         if not found:
             raise CaptureError(f"{text}: the folder holds no picture ({', '.join(_PICTURES)})")
-        return PictureReader(sorted(found, key=natural_key), text)
-    if path.exists():
-        if path.stat().st_size == 0:
-            raise CaptureError(f"{text}: the file is empty")
-        return PictureReader([path], text) if path.suffix.lower() in _PICTURES else VideoReader(text)
+        return _pictures(sorted(found, key=natural_key), text, limit)
+    if not stat.S_ISREG(mode):
+        raise CaptureError(f"{text}: got {kind_of(mode)}, expected a file, a folder or a camera (/dev/video...)")
+    if path.stat().st_size == 0:
+        raise CaptureError(f"{text}: the file is empty")
+    return _picture_source(path, limit) if _is_picture(path) else VideoReader(text, limit)
+
+
+def _open_pattern(text: str, limit: int) -> Reader:
+    from ._video import VideoReader
+
     matches = _matches(text)
     if matches is None:
         raise CaptureError(f"{text}: no such file or folder")
     if not matches:
         raise CaptureError(f"{text}: no file matches")
-    if len(matches) == 1 and matches[0].suffix.lower() not in _PICTURES:
-        return VideoReader(str(matches[0]))
-    return PictureReader(matches, text)
+    if len(matches) == 1 and not _is_picture(matches[0]):
+        return VideoReader(str(matches[0]), limit)
+    return _pictures(matches, text, limit)
+
+
+def _is_picture(path: Path) -> bool:
+    """Say whether a file is a picture, by its suffix or by its first bytes.
+
+    FFmpeg reads GIF, with its times; what begins as a JPEG may be a stream of them.
+    """
+    if path.suffix.lower() in _PICTURES:
+        return True
+    if path.suffix.lower() in (".gif", ".apng"):
+        return False
+    try:
+        with path.open("rb") as file:
+            header = picture_header(file.read(4096))
+    except HeaderError:
+        return True
+    except OSError:
+        return False
+    return header is not None and header.kind not in ("GIF", "JPEG")
+
+
+def _pictures(paths: list[Path], source: str, limit: int) -> Reader:
+    return _picture_source(paths[0], limit) if len(paths) == 1 else PictureReader(paths, source, limit)
+
+
+def _picture_source(path: Path, limit: int) -> Reader:
+    """Give the reader of one picture file: of its pages where it has several."""
+    file = PictureFile(path, limit)
+    return PagesReader(file) if len(file.header.pages) > 1 else PictureReader([path], str(path), limit, file.picture())
 
 
 def _matches(pattern: str) -> list[Path] | None:
@@ -127,16 +180,18 @@ def _matches(pattern: str) -> list[Path] | None:
 class PictureReader:
     """Picture files in the order given."""
 
-    def __init__(self, paths: list[Path], source: str) -> None:
+    def __init__(self, paths: list[Path], source: str, limit: int, first: NDArray[Any] | None = None) -> None:
         self.source = source
         self.frame_rate: float | None = None
         self.count: int | None = len(paths)
         self.timestamps: Timestamps = "none"
         self.live = False
+        self.exact = True
         self.notes: tuple[str, ...] = ()
         self._paths = paths
+        self._limit = limit
         self._next = 0
-        self._ahead = read_picture(paths[0])
+        self._ahead = read_picture(paths[0], limit) if first is None else first
         height, width = self._ahead.shape[:2]
         self.size: tuple[int, int] | None = (width, height)
 
@@ -147,7 +202,7 @@ class PictureReader:
             return None
         self._next += 1
         path = self._paths[index]
-        image = (self._ahead if index == 0 else read_picture(path)) if wanted else None
+        image = (self._ahead if index == 0 else read_picture(path, self._limit)) if wanted else None
         return Raw(image, float("nan"), index, str(path))
 
     def close(self) -> None:
@@ -162,14 +217,17 @@ _END = object()
 class ArrayReader:
     """Arrays, (array, t_s) pairs or `Frame` objects in memory, or made one by one by an iterable."""
 
-    def __init__(self, items: Iterable[Any], count: int | None) -> None:
+    def __init__(self, items: Iterable[Any], count: int | None, limit: int) -> None:
         self.source = "arrays" if count is None else f"list of {count} arrays"
         self.frame_rate: float | None = None
         self.count = count
         self.live = False
+        self.exact = True
         self.notes: tuple[str, ...] = ()
+        self._limit = limit
         self._items: Iterator[Any] = iter(items)
         self._next = 0
+        self._last_s = -math.inf
         self._ahead = next(self._items, _END)
         if self._ahead is _END:
             raise CaptureError("source: got no frame, expected at least one")
@@ -179,20 +237,22 @@ class ArrayReader:
 
     def _parts(self, item: Any, index: int) -> tuple[NDArray[Any], float, str]:
         if isinstance(item, Frame):
-            return (item.image if item.color is None else item.color), item.t_s, item.name
+            seconds = number(f"source: item {index}: t_s", item.t_s, of="seconds", or_nan=True)
+            return (item.image if item.color is None else item.color), seconds, item.name
         if isinstance(item, (str, os.PathLike)):
-            return read_picture(Path(item)), float("nan"), str(item)
+            return read_picture(Path(item), self._limit), float("nan"), str(item)
         t_s = float("nan")
         if isinstance(item, tuple) and len(item) == 2:
-            item, t_s = item
+            item, given = item
+            t_s = number(f"source: item {index}: t_s", given, of="seconds", or_nan=True)
             if isinstance(item, (str, os.PathLike)):
-                return read_picture(Path(item)), float(t_s), str(item)
+                return read_picture(Path(item), self._limit), t_s, str(item)
         if not isinstance(item, np.ndarray):
             raise DTypeError(
                 f"source: item {index} is of type {type(item).__name__}, expected an array, an (array, t_s) pair, "
                 "a path or a Frame"
             )
-        return item, float(t_s), ""
+        return item, t_s, ""
 
     def read(self, wanted: bool) -> Raw | None:
         """Give the next array."""
@@ -202,43 +262,13 @@ class ArrayReader:
         index = self._next
         self._next += 1
         image, t_s, name = self._parts(item, index)
+        # NaN, where a time is not known, is neither before nor after.
+        if t_s <= self._last_s:
+            raise OptionError(f"source: item {index}: t_s: got {t_s} after {self._last_s}, expected increasing times")
+        self._last_s = t_s if t_s == t_s else self._last_s
         return Raw(image, t_s, index, name)
 
     def close(self) -> None:
         """Let go of what is left."""
         self._items = iter(())
         self._ahead = _END
-
-
-def read_picture(path: Path) -> NDArray[Any]:
-    """Read a picture file in its own depth, as grey or BGR, on the sensor's pixel grid (EXIF rotation is not applied).
-
-    Raises
-    ------
-    CaptureError
-        If the file is missing, empty, truncated or not a picture.
-    """
-    import cv2
-
-    from ._video import quiet
-
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise CaptureError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if not data:
-        raise CaptureError(f"{path}: the file is empty")
-    # The JPEG decoder fills what is missing with grey and only warns: the end marker must be there.
-    if data[:2] == b"\xff\xd8" and b"\xff\xd9" not in data[-65536:]:
-        raise CaptureError(f"{path}: the picture is truncated: a JPEG of {len(data)} bytes without its end marker")
-    if data[:8] == b"\x89PNG\r\n\x1a\n" and b"IEND" not in data[-65536:]:
-        raise CaptureError(f"{path}: the picture is truncated: a PNG of {len(data)} bytes without its end marker")
-    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    with quiet():
-        try:
-            image: NDArray[Any] | None = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-        except cv2.error:
-            image = None
-    if image is None:
-        raise CaptureError(f"{path}: cannot be decoded as a picture ({len(data)} bytes)")
-    return image

@@ -2,54 +2,75 @@
 
 from __future__ import annotations
 
-import csv
+import math
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CaptureError, FormatError, OptionError
+from .._checks import number, shown
+from .._time_series import TIME_COLUMNS, doubtful_step, first_wrong, read_table
+from ..errors import CaptureError, DTypeError, FormatError, OptionError, ShapeError
+
+__all__ = ["given_times"]
+
+_EXPECTED = "one finite time in seconds for each frame"
 
 
 def given_times(times: Any) -> NDArray[np.float64]:
     """Give the times in seconds, checked: finite and strictly increasing."""
-    where = "times"
     if isinstance(times, (str, os.PathLike)):
-        where = str(times)
-        values = _times_of_csv(Path(times))
-    else:
-        values = np.asarray(times, dtype=np.float64)
-    if values.ndim != 1 or not np.isfinite(values).all():
-        raise OptionError(f"{where}: got shape {values.shape}, expected one finite time in seconds for each frame")
-    back = np.flatnonzero(np.diff(values) <= 0)
-    if back.size:
-        i = int(back[0])
+        return _times_of_csv(times)
+    if isinstance(times, np.ma.MaskedArray) and np.ma.getmaskarray(times).any():
+        masked = int(np.argmax(np.ma.getmaskarray(times)))
+        raise OptionError(f"times: got a masked value for frame {masked}, expected {_EXPECTED}")
+    values = _listed(times)
+    if values.ndim != 1:
+        raise ShapeError(f"times: got shape {values.shape}, expected {_EXPECTED}")
+    if values.dtype.kind not in "iuf" and values.size:
+        raise DTypeError(f"times: got dtype {values.dtype}, expected {_EXPECTED}")
+    seconds = values.astype(np.float64)
+    at = first_wrong(seconds)
+    if at is not None and not math.isfinite(seconds[at]):
+        raise OptionError(f"times: got {seconds[at]} for frame {at}, expected {_EXPECTED}")
+    if at is not None:
         raise OptionError(
-            f"{where}: got {values[i + 1]} s for frame {i + 1} after {values[i]} s, expected strictly increasing times"
+            f"times: got {seconds[at]} s for frame {at} after {seconds[at - 1]} s, expected strictly increasing times"
         )
-    return values
+    doubt = doubtful_step(seconds)
+    if doubt is not None and doubt[0]:
+        raise OptionError(f"times: {doubt[1]}")
+    return seconds
 
 
-def _times_of_csv(path: Path) -> NDArray[np.float64]:
+def _listed(times: Any) -> NDArray[Any]:
+    """Give the values; each of a list must be a number by itself, as numpy would turn text and flags into numbers."""
+    if isinstance(times, np.ndarray):
+        return times
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
+        values = list(times)
+    except TypeError:
+        raise DTypeError(f"times: got {shown(times)}, expected {_EXPECTED}, or a CSV file") from None
+    if any(np.ndim(value) for value in values):
+        raise ShapeError(f"times: got a list of lists or arrays, expected {_EXPECTED}")
+    return np.array(
+        [number(f"times: frame {place}", value, of="seconds", or_nan=True) for place, value in enumerate(values)]
+    )
+
+
+def _times_of_csv(path: str | os.PathLike[str]) -> NDArray[np.float64]:
+    columns = f"a CSV with a column {', '.join(TIME_COLUMNS)}"
+    try:
+        table = read_table(path, columns=columns)
     except FileNotFoundError:
         raise CaptureError(f"times: no such file: {path}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise FormatError(f"{path}: not a CSV file: {error}") from None
-    if not rows:
-        raise FormatError(f"{path}: got an empty file, expected a CSV with a column t_s")
-    header = [cell.strip() for cell in rows[0]]
-    column = header.index("t_s") if "t_s" in header else None
-    if column is None and len(header) > 1:
-        raise FormatError(f"{path}: got the columns {', '.join(header)}, expected one that is called t_s")
-    values = []
-    for number, row in enumerate(rows[0 if column is None else 1 :], start=1 if column is None else 2):
-        try:
-            values.append(float(row[column or 0]))
-        except (ValueError, IndexError):
-            raise FormatError(f"{path}: row {number}: got {','.join(row)!r}, expected a time in seconds") from None
-    return np.array(values)
+    name = table.time_name()
+    if name is not None:
+        return table.times(table.names.index(name), name)
+    if table.names or max(len([cell for cell in row if cell]) for row in table.rows) > 1:
+        first = ", ".join(table.names or table.rows[0])[:80]
+        got = f"the columns {first}" if table.names else f"{len(table.rows[0])} columns without names, {first!r}"
+        hint = "" if table.names else " (decimals have a point, not a comma)"
+        raise FormatError(f"{path}: got {got}, expected one that is called {' or '.join(TIME_COLUMNS)}{hint}")
+    return table.times(0, "t_s")

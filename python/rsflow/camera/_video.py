@@ -87,11 +87,13 @@ def open_capture(source: int | str) -> Any:
 class VideoReader:
     """One video file or finite URL, decoded in order."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, source: str, limit: int) -> None:
         import cv2
 
         self.source = source
+        self._limit = limit
         self.live = False
+        self.exact = False
         self.notes: tuple[str, ...] = ()
         self._capture = self._open()
         rate = float(self._capture.get(cv2.CAP_PROP_FPS))

@@ -12,6 +12,9 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .._checks import unmasked
+from .._limits import max_pixels_of
+from .._time_series import doubtful_step
 from ..errors import DTypeError, OptionError, ShapeError
 from ._picture import check_roi, region_of, to_color, to_grey
 from ._reader import Raw, Reader, Timestamps
@@ -118,8 +121,13 @@ class Frames(Iterator[Frame]):
         self.timestamps: Timestamps = reader.timestamps if times is None and frame_rate is None else "given"
         if reader.size is not None:
             check_roi(roi, reader.size, self.source)
-        if times is not None and reader.count is not None and len(times) < reader.count and stop is None:
-            raise OptionError(f"times: got {len(times)} times for the {reader.count} frames of {self.source}")
+        self._doubt: tuple[str, ...] = ()
+        if times is not None:
+            # The count of a container is an estimate: it is held against what comes.
+            if reader.exact and reader.count is not None and len(times) != reader.count:
+                raise OptionError(f"times: got {len(times)} times for the {reader.count} frames of {self.source}")
+            doubt = doubtful_step(times)
+            self._doubt = () if doubt is None else (f"times: {doubt[1]}",)
 
     @property
     def size(self) -> tuple[int, int] | None:
@@ -146,7 +154,7 @@ class Frames(Iterator[Frame]):
     @property
     def notes(self) -> tuple[str, ...]:
         """Peculiarities of the source that were mended."""
-        return self._reader.notes
+        return self._reader.notes + self._doubt
 
     def __iter__(self) -> Self:
         return self
@@ -160,6 +168,7 @@ class Frames(Iterator[Frame]):
                 wanted = offset >= 0 and offset % self._stride == 0
                 raw = self._reader.read(wanted)
                 if raw is None:
+                    self._check_times()
                     break
                 self._position += 1
                 if wanted and raw.image is not None:
@@ -183,6 +192,7 @@ class Frames(Iterator[Frame]):
         return Frame(grey, self._time(raw), raw.index, color, raw.name)
 
     def _check(self, image: NDArray[Any], name: str) -> None:
+        unmasked(name, image)
         if image.dtype not in _DTYPES:
             raise DTypeError(f"{name}: got a picture of {image.dtype}, expected uint8, uint16 or float32")
         if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
@@ -200,6 +210,10 @@ class Frames(Iterator[Frame]):
             )
         if image.dtype != dtype:
             raise DTypeError(f"pictures of different types: {first} is {dtype}, {name} is {image.dtype}")
+
+    def _check_times(self) -> None:
+        if self._times is not None and len(self._times) > self._position:
+            raise OptionError(f"times: got {len(self._times)} times for the {self._position} frames of {self.source}")
 
     def _time(self, raw: Raw) -> float:
         if self._times is not None:
@@ -243,6 +257,7 @@ def frames(
     newest: bool | None = None,
     timeout_s: float = 5.0,
     camera_size: tuple[int, int] | None = None,
+    max_pixels: int | None = None,
 ) -> Frames:
     """Read frames with their times from a camera, a video, pictures, arrays or a URL.
 
@@ -266,8 +281,8 @@ def frames(
         Frames per second: times are then index / frame_rate, whatever the file says. For pictures, which have no
         times of their own, and for slow-motion clips.
     times : sequence of float or path, optional
-        Time in seconds of each frame of the source, strictly increasing; or a CSV with a column `t_s`, or with one
-        column.
+        Time in seconds of each frame of the source, as many as it has, strictly increasing; or a CSV with a column
+        `t_s` (or `t_ms`, `t_us`, `t_ns`: the name says the unit), or with one column of seconds.
     newest : bool, optional
         Give the newest frame and drop the older ones that nobody has taken, so that a slow reader does not fall
         behind. By default True for a live source, and not possible for a file.
@@ -275,6 +290,9 @@ def frames(
         Live sources: how long to wait for a frame, trying to open the source again meanwhile, before `CaptureError`.
     camera_size : (width, height), optional
         Live sources: the size to ask the camera for; it may give another.
+    max_pixels : int, optional
+        Pixels that a picture may have, 2**28 by default or what the environment variable ``RSFLOW_MAX_PIXELS`` says;
+        four bytes may be decoded for each. Headers are held to it before a decoder sees them.
 
     Returns
     -------
@@ -315,11 +333,12 @@ def frames(
         raise OptionError("frame_rate and times: got both, expected one of them")
     if not (math.isfinite(timeout_s) and timeout_s > 0):
         raise OptionError(f"timeout_s: got {timeout_s}, expected a finite number of seconds above 0")
+    limit = max_pixels_of(max_pixels)
     given = None if times is None else given_times(times)
 
     from ._sources import open_source
 
-    reader = open_source(source, newest=newest, timeout_s=timeout_s, camera_size=camera_size)
+    reader = open_source(source, newest=newest, timeout_s=timeout_s, camera_size=camera_size, limit=limit)
     if reader.live and (frame_rate is not None or times is not None):
         reader.close()
         raise OptionError(f"frame_rate, times: {reader.source} is live, its frames carry the clock's time")

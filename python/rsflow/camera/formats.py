@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .._files import writing
+from .._limits import read_text
 from ..errors import FormatError, OptionError
 from . import _filestorage, _yaml
 from ._document import Document
@@ -21,6 +22,9 @@ __all__ = ["CAMERA_SUFFIXES", "format_of", "load_camera", "save_camera"]
 
 # A camera file has a few kilobytes, a FileStorage with every corner of a long calibration a few megabytes.
 _MAX_BYTES = 16 * 1024 * 1024
+
+# Nesting beyond this is no camera's.
+_DEPTH = 20
 
 # Suffixes of camera files, and the format that each is written in.
 CAMERA_SUFFIXES: dict[str, CameraFormat] = {".json": "json", ".yaml": "ros", ".yml": "opencv", ".xml": "opencv"}
@@ -59,12 +63,7 @@ def load_camera(
     True
     """
     file = Path(path)
-    if file.stat().st_size > _MAX_BYTES:
-        raise FormatError(f"{file}: got {file.stat().st_size} bytes, expected a camera file of at most {_MAX_BYTES}")
-    try:
-        text = file.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FormatError(f"{file}: not a text file: {error}") from None
+    text = read_text(file, most=_MAX_BYTES)
     if not text.strip():
         raise FormatError(f"{file}: the file is empty")
     document = Document(str(file), _parse(str(file), text))
@@ -80,10 +79,18 @@ def _parse(path: str, text: str) -> Any:
         return _filestorage.parse(path, text)
     if head.startswith("{"):
         try:
-            return json.loads(text)
+            value = json.loads(text)
         except (ValueError, RecursionError) as error:
             raise FormatError(f"{path}: not valid JSON: {error}") from None
+        if _is_deeper(value, _DEPTH):
+            raise FormatError(f"{path}: got JSON nested deeper than {_DEPTH} levels")
+        return value
     return _yaml.parse(path, text)
+
+
+def _is_deeper(value: Any, depth: int) -> bool:
+    items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return depth < 0 or any(_is_deeper(item, depth - 1) for item in items if isinstance(item, (dict, list)))
 
 
 def _camera(document: Document, camera: str | None, size: tuple[int, int] | None) -> Camera:

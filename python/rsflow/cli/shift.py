@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rsflow.cli._options import add_illumination, add_max_displacement, add_roi
-from rsflow.errors import CaptureError
 
 if TYPE_CHECKING:
     from rsflow.shift import Shift
@@ -38,18 +37,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _grey(path: str) -> np.ndarray[Any, Any]:
     """Read a picture as grey levels, in the depth of the file."""
-    import cv2
+    from pathlib import Path
 
-    try:
-        with open(path, "rb") as file:  # noqa: PTH123
-            data = np.frombuffer(file.read(), dtype=np.uint8)
-    except OSError as error:
-        raise CaptureError(f"cannot read {path}: {error.strerror}") from None
-    picture = cv2.imdecode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE) if data.size else None
-    if picture is None:
-        raise CaptureError(f"cannot read {path}: not a picture that OpenCV can decode")
-    grey: np.ndarray[Any, Any] = picture
-    return grey
+    from rsflow._limits import max_pixels_of
+    from rsflow.camera._pages import PictureFile
+
+    file = PictureFile(Path(path), max_pixels_of(None))
+    file.expect_one()
+    return file.picture(grey=True)
 
 
 def _as_json(shift: Shift) -> dict[str, Any]:

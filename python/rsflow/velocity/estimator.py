@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _checks
 from .._rotation import rotation_matrix
 from ..camera.model import Camera
 from ..errors import DTypeError, OptionError, ShapeError
@@ -137,6 +138,7 @@ class VelocityEstimator:
             If the image does not have the camera's size, is not grey or of another type.
         """
         self._check_image(image)
+        t_s = _checks.number("t_s", t_s, of="seconds", or_nan=True)
         if not np.isfinite(t_s):
             raise OptionError(
                 f"VelocityEstimator: t_s is {t_s}, expected a time in seconds; pictures of a folder carry no times: "

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._files import writing
+from .._time_series import TIME_COLUMNS, first_wrong, read_table
 from ..errors import FormatError, OptionError
 from .result import Velocity
 
@@ -67,7 +66,9 @@ class Heights:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Heights:
-        """Read a CSV with a column ``height_m`` and a column ``t_s`` or ``frame``.
+        """Read a CSV with a column ``height_m`` and a column ``t_s`` (or ``t_ms``, ``t_us``, ``t_ns``) or ``frame``.
+
+        Cells are parted by commas, semicolons or tabs; decimals have a point; lines that begin with ``#`` are comments.
 
         Parameters
         ----------
@@ -86,40 +87,31 @@ class Heights:
         OSError
             If the file cannot be read.
         """
-        path = Path(path)
-        try:
-            with path.open(newline="", encoding="utf-8-sig") as file:
-                rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise FormatError(f"{path}: not a CSV text file ({error})") from None
-        names = [cell.strip() for cell in rows[0]] if rows else []
-        by = next((name for name in ("t_s", "frame") if name in names), None)
-        if by is None or "height_m" not in names:
+        table = read_table(path, columns="height_m and one of t_s, frame")
+        by = table.time_name() or ("frame" if "frame" in table.names else None)
+        if by is None or "height_m" not in table.names:
+            got = f"the columns {', '.join(table.names)[:80]}" if table.names else "no names of columns"
             raise FormatError(
-                f"{path}: the first line has the columns {', '.join(names) or 'none'}, "
-                "expected height_m and one of t_s, frame"
+                f"{path}: the first line has {got}, expected height_m and one of {', '.join(TIME_COLUMNS)}, frame"
             )
-        places = [names.index(by), names.index("height_m")]
-        values = np.full((len(rows) - 1, 2), np.nan)
-        for number, row in enumerate(rows[1:]):
-            for column, place in enumerate(places):
-                text = row[place].strip() if place < len(row) else ""
-                try:
-                    values[number, column] = float(text) if text or column == 0 else np.nan
-                except ValueError:
-                    name = (by, "height_m")[column]
-                    raise FormatError(f"{path}: row {number + 2}: {name} is {text!r}, expected a number") from None
-        if len(values) == 0:
+        if not table.rows:
             raise FormatError(f"{path}: no row after the header, expected heights")
-        keys, heights = values.T
-        wrong = ~np.isfinite(keys) | (np.concatenate([[False], np.diff(keys) <= 0]))
-        if wrong.any():
-            at = int(np.argmax(wrong))
-            raise FormatError(f"{path}: row {at + 2}: {by} is {keys[at]:g}, expected each later than the one before")
+        place = table.names.index(by)
+        if by == "frame":
+            keys = table.numbers(place, by)
+            at = first_wrong(keys)
+            if at is None and (keys % 1).any():
+                at = int(np.argmax(keys % 1 > 0))
+            if at is not None:
+                raise table.error(at, f"{by} is {keys[at]:g}, expected whole numbers, each later than the one before")
+        else:
+            keys = table.times(place, by)
+        heights = table.numbers(table.names.index("height_m"), "height_m", empty=np.nan)
         wrong = (heights <= 0) | np.isinf(heights)
         if wrong.any():
             at = int(np.argmax(wrong))
-            raise FormatError(f"{path}: row {at + 2}: height_m is {heights[at]:g}, expected metres above 0")
+            raise table.error(at, f"height_m is {heights[at]:g}, expected metres above 0")
+        by = "frame" if by == "frame" else "t_s"
         return cls(by, keys, heights)
 
     @property
