@@ -52,6 +52,8 @@ def run(args: argparse.Namespace) -> int:
     """Measure, write the table and the plot, print a summary."""
     import rsflow
     from rsflow.extraction.metric import fitting_camera
+    from rsflow.extraction.summary import as_json
+    from rsflow.extraction.track import Track
     from rsflow.velocity import Heights, velocity_row, write_velocity_csv
     from rsflow.velocity.result import not_stated
 
@@ -59,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
     heights = None if args.height_csv is None else Heights.read(args.height_csv)
     folder = Path(args.output)
     rows: list[dict[str, Any]] = []
+    track = Track()
     budget, scaled, interrupted = "", "", False
     unstated: tuple[str, ...] = ()
     broken: rsflow.RsflowError | None = None
@@ -74,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
                     folder.mkdir(parents=True, exist_ok=True)
                 own = None if heights is None else heights.at(frame=frame.index, t_s=frame.t_s)
                 v = estimator.update(frame.image, frame.t_s, height_m=own)
+                track.add(v, frame.index)
                 rows.append(velocity_row(v, frame=frame.index, height_m=args.height if own is None else own))
                 budget, unstated = (v.budget(), v.unstated) if v.valid else (budget, unstated)
         except KeyboardInterrupt:
@@ -86,12 +90,16 @@ def run(args: argparse.Namespace) -> int:
     write_velocity_csv(table, rows)
     note = _plotted(picture, rows, str(args.source))
     notes = [text for text in (scaled, not_stated(unstated)) if text]
-    summary = _summary(rows) | {
-        "std_without": list(unstated),
-        "notes": notes,
-        "csv": str(table),
-        "plot": str(picture) if note is None else None,
-    }
+    summary = (
+        _summary(rows)
+        | as_json(track.figures())
+        | {
+            "std_without": list(unstated),
+            "notes": notes,
+            "csv": str(table),
+            "plot": str(picture) if note is None else None,
+        }
+    )
     if args.json:
         print(json.dumps(summary, indent=2))
     else:
@@ -139,11 +147,12 @@ def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         summary[f"mean_{name}"] = float(values.mean()) if values.size else None
     speeds = [math.hypot(row["vx_m_s"], row["vy_m_s"]) for row in measured]
     summary["mean_speed_m_s"] = float(np.mean(speeds)) if speeds else None
-    summary["distance_m"] = float(sum(s * row["dt_s"] for s, row in zip(speeds, measured, strict=True)))
     return summary
 
 
 def _show(summary: dict[str, Any], budget: str) -> None:
+    from rsflow.extraction.summary import way_text
+
     others = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in summary["status"].items() if name != "ok")
     print(f"{summary['measured']} of {summary['frames']} frames measured" + (f" ({others})" if others else ""))
     if summary["measured"]:
@@ -151,7 +160,7 @@ def _show(summary: dict[str, Any], budget: str) -> None:
             f"{axis} {summary[f'mean_{axis}_m_s']:+.4g} m/s" if summary[f"mean_{axis}_m_s"] is not None else f"{axis} ?"
             for axis in ("vx", "vy", "vz")
         ))  # fmt: skip
-        print(f"mean speed     {summary['mean_speed_m_s']:.4g} m/s over {summary['distance_m']:.4g} m of measured way")
+        print(f"mean speed     {summary['mean_speed_m_s']:.4g} m/s where it was measured; {way_text(summary)}")
         print("uncertainty of the last frame's speed, by origin:")
         print("\n".join(f"  {line}" for line in budget.splitlines()))
     for text in summary["notes"]:

@@ -93,6 +93,8 @@ def _summary(
     figures = key_figures(series["motion"], series.get("velocity"), series.get("track"))
     if "velocity" in series:
         figures["speed_std_without"] = list(pipeline.unstated)
+    if outputs.track is not None:
+        figures |= outputs.track.figures()
     _, seen = np.unique(series["objects"]["id"], return_counts=True)
     problems = []
     if not complete:

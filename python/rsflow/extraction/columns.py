@@ -60,14 +60,15 @@ VELOCITY = {
 TRACK = {
     "frame": "number of the frame in the source",
     "t_s": "its time in seconds",
-    "segment": "counts the unbroken pieces: across a gap the way is not known, the next begins where the last ended",
+    "segment": "counts the unbroken pieces: over a gap the velocity is carried on, and the deviations grow",
     "x_m": "way since the start, along the camera's x axis at the start, in metres",
     "y_m": "the same, along its y axis",
     "z_m": "the same, along the line of sight",
     "heading_rad": "turn about straight down since the start, clockwise as the camera sees the ground",
     "x_std_m": "standard deviation of x_m, without that of the heading and of what velocity.csv calls std_without",
     "y_std_m": "standard deviation of y_m",
-    "distance_m": "length of the way in the x-y plane, gaps left out",
+    "distance_m": "length of the way in the x-y plane, gaps carried on; nan in a gap",
+    "distance_std_m": "standard deviation of distance_m; inf where a gap cannot be judged",
 }
 
 OBJECTS = {

@@ -12,6 +12,7 @@ import numpy as np
 from . import columns
 from .report_page import Figure, Plot, Report, Table
 from .series import Series, runs
+from .summary import way_of
 from .svg import Curve, path_plot, time_plot
 
 if TYPE_CHECKING:
@@ -69,9 +70,19 @@ def _tiles(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     tiles.append((f"moving things seen for {LASTING_FRAMES} frames or more", str(summary["lasting_objects"])))
     if summary.get("speed_median_m_s") is not None:
         tiles.append(("speed over ground, median", f"{summary['speed_median_m_s']:.4g} m/s"))
-        tiles.append(("way travelled", f"{summary['distance_m']:.4g} m"))
+        tiles.append(_way_tile(summary))
     tiles.append(("processed at", f"{summary['frames_per_second']:.1f} frames/s"))
     return tiles
+
+
+def _way_tile(summary: Mapping[str, Any]) -> tuple[str, str]:
+    missing = summary["distance_unmeasured"]
+    if not missing:
+        return "way travelled", f"{summary['distance_m']:.4g} m"
+    if summary["distance_m"] is None:
+        return f"way travelled, unknown over {missing} frames without a velocity", "not known"
+    name = f"way travelled, carried on over {missing} frames without a velocity"
+    return name, f"{summary['distance_m']:.3g} ± {summary['distance_std_m']:.1g} m"
 
 
 def _figures(outputs: Outputs, files: Mapping[str, Path], summary: Mapping[str, Any]) -> list[Figure]:
@@ -100,6 +111,7 @@ def _plots(outputs: Outputs) -> list[Plot]:
     dx, dy = motion["dx_px"], motion["dy_px"]
     valid = np.isfinite(dx)
     valid[0] = True
+    ways = _ways(motion)
     plots = [
         Plot(
             "Displacement of the picture from frame to frame",
@@ -118,14 +130,16 @@ def _plots(outputs: Outputs) -> list[Plot]:
             "Where the picture has gone",
             time_plot(
                 x,
-                [Curve("x, to the right", _sums(dx)), Curve("y, down", _sums(dy))],
+                [Curve("x, to the right", *ways[0]), Curve("y, down", *ways[1])],
                 title="summed displacement over time",
                 y_label="px since the start",
                 x_label=x_label,
                 valid=valid,
                 y_least=1.0,
             ),
-            "Sum of the displacements; across gaps it is carried on as if nothing had moved.",
+            "Sum of the displacements. Where none was measured it goes on with the camera's motion from the dense "
+            "flow, else between its neighbours; it ends where neither is known. Bands are one standard deviation of the"
+            " sum.",
         ),
         Plot(
             "Dense flow",
@@ -165,11 +179,12 @@ def _abscissa(series: Series) -> tuple[np.ndarray, str]:
     return (t, "time in s") if np.isfinite(t).all() else (series["frame"], "frame")
 
 
-def _sums(values: np.ndarray) -> np.ndarray:
-    sums = np.cumsum(np.nan_to_num(values))
-    sums[~np.isfinite(values)] = np.nan
-    sums[0] = 0.0
-    return sums
+def _ways(motion: Series) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Sum and its deviation along each axis; NaN from where on they are not known."""
+    way = way_of(motion)
+    known = np.isfinite(way.variance)
+    sums, std = np.where(known, way.sums, np.nan), np.sqrt(np.where(known, way.variance, np.nan))
+    return [(sums[:, axis], std[:, axis]) for axis in (0, 1)]
 
 
 def _light(motion: Series, x: np.ndarray, x_label: str, valid: np.ndarray) -> Plot:
@@ -218,8 +233,8 @@ def _velocity_plots(outputs: Outputs) -> list[Plot]:
         Plot(
             "Path over the ground",
             path_plot(track["x_m"], track["y_m"], title="path over the ground", x_label="x in m", y_label="y in m"),
-            "Sum of velocity times time, in the camera's axes at the start. Across a gap the way is not known: the next"
-            " piece is set on where the one before ended.",
+            "Sum of velocity times time, in the camera's axes at the start. Over a gap the velocity is carried on from"
+            " before it to after it; the deviations of track.csv grow by what that may be wrong.",
         ),
     ]
 

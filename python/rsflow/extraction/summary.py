@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .series import Series
+from .way import MEASURED, NEIGHBOURS, SECOND, Filled, fill
 
-__all__ = ["as_json", "duration_s", "key_figures", "text"]
+__all__ = ["as_json", "duration_s", "key_figures", "text", "way_of", "way_text"]
 
 
 def as_json(value: Any) -> Any:
@@ -55,18 +56,19 @@ def key_figures(motion: Series, velocity: Series | None, track: Series | None) -
     Returns
     -------
     dict
-        ``frames``, ``measured``, ``duration_s``, ``displacement_sum_px``, medians and shares, counts of the statuses;
-        with a velocity ``speed_median_m_s``, ``velocity_measured``, ``distance_m``.
+        ``frames``, ``measured``, ``duration_s``, ``displacement_sum_px`` with its deviation and what it rests on,
+        medians and shares, counts of the statuses; with a velocity ``speed_median_m_s``, ``velocity_measured``.
     """
     dx, dy = motion["dx_px"], motion["dy_px"]
     statuses = motion.counts("status")
     length = np.hypot(dx, dy)
     fastest = int(np.nanargmax(length)) if np.isfinite(length).any() else None
+    way = way_of(motion)
     figures: dict[str, Any] = {
         "frames": len(motion),
         "measured": int(np.isfinite(dx).sum()),
         "duration_s": duration_s(motion),
-        "displacement_sum_px": [float(np.nansum(dx)), float(np.nansum(dy))],
+        **_sum_figures(motion, way),
         "displacement_median_px": _median(length),
         "displacement_max_px": float(length[fastest]) if fastest is not None else math.nan,
         "displacement_max_frame": int(motion["frame"][fastest]) if fastest is not None else None,
@@ -88,12 +90,79 @@ def key_figures(motion: Series, velocity: Series | None, track: Series | None) -
             "speed_std_median_m_s": _median(np.hypot(velocity["vx_std_m_s"], velocity["vy_std_m_s"]) / math.sqrt(2.0)),
         }
     if track is not None and len(track):
-        distance = _finite(track["distance_m"])
-        figures |= {
-            "distance_m": float(distance[-1]) if len(distance) else 0.0,
-            "track_segments": int(np.nanmax(track["segment"], initial=0)),
-        }
+        figures["track_segments"] = int(np.nanmax(track["segment"], initial=0))
     return figures
+
+
+def way_of(motion: Series) -> Filled:
+    """Fill the displacements that were not measured: from the dense flow's camera, else from their neighbours.
+
+    The first row, of the frame that has none before it, is a step of zero.
+    """
+    steps = np.stack([motion["dx_px"], motion["dy_px"]], axis=1)
+    variance = np.stack([motion["dx_std_px"], motion["dy_std_px"]], axis=1) ** 2
+    camera = np.stack([motion["camera_dx_px"], motion["camera_dy_px"]], axis=1)
+    # A camera that is taken as resting was not measured.
+    camera[[word in ("static", "none", "") for word in motion.words("camera_model")]] = np.nan
+    flow = np.stack([motion["flow_median_x_px"], motion["flow_median_y_px"]], axis=1)
+    rest = fill(steps[1:], variance[1:], motion["dt_s"][1:], camera[1:], flow[1:])
+    first = min(len(motion), 1)
+    return Filled(
+        np.concatenate([np.zeros((first, 2)), rest.steps]),
+        np.concatenate([np.zeros(first, np.int8), rest.source]),
+        np.concatenate([np.zeros((first, 2)), rest.variance]),
+    )
+
+
+def _sum_figures(motion: Series, way: Filled) -> dict[str, Any]:
+    """Give the sum of the displacements, and how much of it was not measured."""
+    missing = way.source != MEASURED
+    std = np.sqrt(way.variance[-1]) if len(motion) else np.zeros(2)
+    total = way.sums[-1] if len(motion) else np.zeros(2)
+    if not np.isfinite(std).all():
+        total = np.full(2, math.nan)
+    dt = motion["dt_s"]
+    return {
+        "displacement_sum_px": total.tolist(),
+        "displacement_sum_std_px": std.tolist(),
+        "displacement_sum_measured_px": [float(np.nansum(motion["dx_px"])), float(np.nansum(motion["dy_px"]))],
+        "displacement_unmeasured": int(missing.sum()),
+        "displacement_unmeasured_s": float(dt[missing].sum()),
+        "displacement_from_dense_flow": way.count(SECOND),
+        "displacement_from_neighbours": way.count(NEIGHBOURS),
+    }
+
+
+def _sum_text(figures: dict[str, Any]) -> str:
+    x, y = figures["displacement_sum_px"]
+    pairs, missing = max(figures["frames"] - 1, 0), figures["displacement_unmeasured"]
+    time = figures["displacement_unmeasured_s"]
+    part = f"{missing} of {pairs} pairs" + (f" ({time:.2f} s)" if math.isfinite(time) else "")
+    if not math.isfinite(x):
+        mx, my = figures["displacement_sum_measured_px"]
+        return (
+            f"how far the picture went in sum is not known, since {part} could not be measured; the others add up to "
+            f"{_signed(mx)} px to the right and {_signed(my)} px down"
+        )
+    dx, dy = figures["displacement_sum_std_px"]
+    if not missing:
+        return f"in sum the picture went {_signed(x)} px to the right and {_signed(y)} px down"
+    origins = [
+        f"{count} {where}"
+        for count, where in (
+            (figures["displacement_from_dense_flow"], "from the camera's motion in the dense flow"),
+            (figures["displacement_from_neighbours"], "carried on between their neighbours"),
+        )
+        if count
+    ]
+    return (
+        f"in sum the picture went about {_signed(x)} px to the right and {_signed(y)} px down, with a standard "
+        f"deviation of {dx:.2g} and {dy:.2g} px, since {part} could not be measured: {', '.join(origins)}"
+    )
+
+
+def _signed(value: float) -> str:
+    return f"{round(value, 2) + 0.0:+.2f}"
 
 
 def text(figures: dict[str, Any]) -> str:
@@ -103,11 +172,8 @@ def text(figures: dict[str, Any]) -> str:
     if math.isfinite(figures["duration_s"]):
         parts[0] += f" over {figures['duration_s']:.2f} s"
     parts.append(f"the displacement was measured in {figures['measured']} of {pairs} pairs")
-    if figures["measured"]:
-        x, y = figures["displacement_sum_px"]
-        parts.append(
-            f"in sum the picture went {round(x, 2) + 0.0:+.2f} px to the right and {round(y, 2) + 0.0:+.2f} px down"
-        )
+    if pairs:
+        parts.append(_sum_text(figures))
     if math.isfinite(figures["moving_share"]):
         parts.append(f"{100 * figures['moving_share']:.1f} % of the picture moves on its own on average")
     lines = "; ".join(parts) + "."
@@ -116,6 +182,18 @@ def text(figures: dict[str, Any]) -> str:
         without = f" without that of {', '.join(unstated)}, which was not stated" if unstated else ""
         lines += (
             f" The camera went at {figures['speed_median_m_s']:.4g} m/s (median, standard deviation of one frame "
-            f"{figures['speed_std_median_m_s']:.2g} m/s{without}), {figures.get('distance_m', 0.0):.4g} m in all."
+            f"{figures['speed_std_median_m_s']:.2g} m/s{without}), {way_text(figures)}."
         )
     return lines
+
+
+def way_text(figures: dict[str, Any]) -> str:
+    """Say the length of the way, and what of it was not measured."""
+    way, std, missing = figures["distance_m"], figures["distance_std_m"], figures["distance_unmeasured"]
+    if not missing:
+        return f"{way:.4g} m in all"
+    time = figures["distance_unmeasured_s"]
+    lost = f"{missing} frames ({time:.2f} s) without a velocity"
+    if way is None or not math.isfinite(way):
+        return f"{figures['distance_measured_m']:.4g} m where it was measured, in all unknown for {lost}"
+    return f"about {way:.4g} m in all (standard deviation {std:.2g} m), of it carried on over {lost}"
