@@ -104,7 +104,7 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(flight, tmp_path, n
 def test_a_complete_run_replaces_the_partial_files(flight, tmp_path):
     with pytest.raises(rsflow.PartialExtractionError):
         rsflow.extract(broken_after(list(flight.images), 3, CaptureError("x")), tmp_path)
-    rsflow.extract(list(flight.images[:4]), tmp_path)
+    rsflow.extract(list(flight.images[:4]), tmp_path, overwrite=True)
     assert names_in(tmp_path) == FILES
 
 
@@ -112,7 +112,7 @@ def test_an_early_end_leaves_an_earlier_result_alone(flight, tmp_path):
     rsflow.extract(list(flight.images[:4]), tmp_path, videos=False)
     before = (tmp_path / "motion.csv").read_bytes()
     with pytest.raises(rsflow.PartialExtractionError):
-        rsflow.extract(broken_after(list(flight.images), 3, CaptureError("x")), tmp_path, videos=False)
+        rsflow.extract(broken_after(list(flight.images), 3, CaptureError("x")), tmp_path, videos=False, overwrite=True)
     assert (tmp_path / "motion.csv").read_bytes() == before
 
 

@@ -82,7 +82,7 @@ def test_a_height_without_a_deviation_is_not_called_exact(
     folder, f = flown
     dataclasses.replace(f.camera, std=dict.fromkeys(("fx", "fy", "cx", "cy"), 0.0)).save(tmp_path / "cam.json")
     arguments = ["velocity", str(folder / "*.png"), "--rate", "20", "--camera", str(tmp_path / "cam.json")]
-    arguments += ["--height", "0.2", "--stop", "3", "-o", str(tmp_path)]
+    arguments += ["--height", "0.2", "--stop", "3", "-o", str(tmp_path), "--overwrite"]
     assert cli.main(arguments) == 0
     printed = capsys.readouterr().out
     assert "height          not stated" in printed
@@ -103,6 +103,7 @@ def test_camera_is_scaled_to_pictures_of_the_same_proportions(
     f.camera.scaled(352, 288).save(tmp_path / "large.json")
     f.camera.cropped((0, 0, 176, 100)).save(tmp_path / "other.json")
     arguments = ["velocity", str(folder / "*.png"), "--rate", "20", "--height-csv", str(folder / "by_frame.csv")]
+    arguments += ["--overwrite"]
     assert cli.main([*arguments, "--camera", str(tmp_path / "large.json"), "-o", str(tmp_path)]) == 0
     assert float(table(tmp_path / "velocity.csv")[1]["vx_m_s"]) == pytest.approx(0.06, abs=0.0006)
     assert "The camera, calibrated at 352 x 288 pixels, was scaled to 176 x 144." in capsys.readouterr().out
@@ -255,14 +256,14 @@ def test_a_source_that_breaks_off_keeps_what_was_measured(tmp_path: Path, capsys
 
 
 @pytest.mark.parametrize(
-    ("table", "has"),
+    ("table", "has", "code"),
     [
-        ("t_s,height_m\n10,0.2\n20,0.2\n", "times from 10 to 20 s"),
-        ("frame,height_m\n0,0.2\n2,0.2\n", "2 frames from 0 to 2, each by its own row"),
+        ("t_s,height_m\n10,0.2\n20,0.2\n", "times from 10 to 20 s", 1),
+        ("frame,height_m\n0,0.2\n2,0.2\n", "2 frames from 0 to 2, each by its own row", 0),
     ],
 )
 def test_frames_without_a_height_say_what_the_table_has(
-    table: str, has: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    table: str, has: str, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     f = flight(frames=3, height_m=0.2, velocity_m_s=(0.02, 0.0, 0.0))
     for number, frame in enumerate(f):
@@ -270,6 +271,6 @@ def test_frames_without_a_height_say_what_the_table_has(
     f.camera.save(tmp_path / "camera.json")
     (tmp_path / "heights.csv").write_text(table)
     command = f"velocity {tmp_path}/*.png --camera {tmp_path}/camera.json --height-csv {tmp_path}/heights.csv --rate 30"
-    assert cli.main([*command.split(), "-o", str(tmp_path / "out")]) == 0
+    assert cli.main([*command.split(), "-o", str(tmp_path / "out")]) == code
     err = capsys.readouterr().err
     assert f"{tmp_path}/heights.csv has {has}" in err

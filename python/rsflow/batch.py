@@ -16,6 +16,10 @@ from .errors import OptionError, RsflowError
 
 if TYPE_CHECKING:
     from ._batch_stop import StopWish
+    from .extraction import ExtractSettings
+
+# Options of `rsflow.extract` that do not change what it measures.
+_NO_SETTINGS = ("progress", "overwrite", "resume", "on_frame")
 
 # How long a signal waits to be seen, in seconds.
 _LOOK_S = 0.1
@@ -159,7 +163,7 @@ def extract_many(
     Raises
     ------
     OptionError
-        If there are no sources, or an option is outside of what it allows.
+        If there are no sources, an option is outside of what it allows, or a result would be written over a source.
 
     Notes
     -----
@@ -186,8 +190,10 @@ def extract_many(
         raise OptionError("sources: got none, expected at least one")
     if jobs is not None and jobs < 1:
         raise OptionError(f"jobs: got {jobs}, expected at least 1")
-    ExtractSettings(**{name: value for name, value in options.items() if name != "progress"}).validate()
+    settings = ExtractSettings(**{name: value for name, value in options.items() if name not in _NO_SETTINGS})
+    settings.validate()
     folders = [str(Path(out) / name) for name in folder_names(given)]
+    _expect_apart(given, folders, settings)
     if executor is not None:
         return _collected(executor, given, folders, None, options, on_done, at_once=len(given))
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -203,6 +209,27 @@ def extract_many(
             # `on_done` raised: the pool is left as soon as its jobs have ended.
             wish.ask()
             raise
+
+
+def _expect_apart(sources: Sequence[str | int], folders: Sequence[str], settings: ExtractSettings) -> None:
+    """Raise OptionError where a result would be written over a source, or two results into one folder."""
+    from ._inputs import Inputs
+    from .extraction.claim import input_files, written_names
+
+    taken: dict[str, str] = {}
+    for folder in folders:
+        real = os.path.realpath(folder)
+        if real in taken:
+            raise OptionError(
+                f"out: {taken[real]} and {folder} are one folder, {real}: two sources would share it; give another one"
+            )
+        taken[real] = folder
+    for source in sources:
+        if not isinstance(source, int) and Path(source).is_dir() and (real := os.path.realpath(source)) in taken:
+            raise OptionError(f"out: {taken[real]} is the folder of the pictures {source}: give another one")
+    # What is read must outlast the whole batch.
+    read = Inputs(list(sources), files=input_files(settings))
+    read.refuse(Path(folder) / name for folder in folders for name in written_names(settings))
 
 
 def _collected(

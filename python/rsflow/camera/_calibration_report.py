@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._files import writing
+from .._inputs import Inputs
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -205,9 +206,11 @@ def _number(value: float) -> float | None:
 
 
 def draw(calibration: Calibration, folder: Path) -> list[Path]:
-    """Write a picture of each view, and one of the coverage."""
+    """Write a picture of each view, and one of the coverage; none over a picture that was calibrated with."""
     written = []
     used: set[str] = set()
+    names = [f"{Path(view.name).stem.replace(' ', '-')}.corners.png" for view in calibration.views]
+    Inputs(files=[view.name for view in calibration.views]).refuse(folder / name for name in (*names, "coverage.png"))
     for number, view in enumerate(calibration.views):
         if not view.jpeg:
             continue

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from .._files import writing
+from .._inputs import Inputs
 from .._limits import read_text
 from ..errors import FormatError, OptionError
 from . import _filestorage, _yaml
@@ -283,6 +284,7 @@ def convert_camera(
     Parameters and errors are those of `Camera.load` and `Camera.save`.
     """
     format_of(target, format)
+    Inputs(files=[source]).refuse([target])
     loaded = load_camera(source, camera=camera, size=size)
     save_camera(loaded, target, format=format)
     return loaded

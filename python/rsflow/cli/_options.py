@@ -3,26 +3,50 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     # A parser, or a group of one.
     from argparse import _ActionsContainer as Arguments
 
+    from rsflow._results import Identity
+
 __all__ = [
     "add_illumination",
     "add_max_displacement",
+    "add_overwrite",
     "add_preset",
     "add_range",
     "add_rate",
     "add_roi",
+    "identity_of",
     "source_of",
 ]
+
+# Options that do not change what a result is.
+_ELSEWHERE = ("source", "output", "json", "quiet", "overwrite", "resume", "picture", "pictures", "more")
 
 
 def source_of(text: str) -> int | str:
     """Give a camera's number as int, anything else as it is."""
     return int(text) if text.isdecimal() else text
+
+
+def identity_of(source: Any, args: argparse.Namespace, *, files: tuple[str, ...] = ()) -> Identity:
+    """Sum up what the results of a command are of: its source and its options, those in `files` by their content."""
+    from rsflow._results import Identity
+
+    options = {name: value for name, value in vars(args).items() if name not in _ELSEWHERE}
+    return Identity.of(source, options, files=files)
+
+
+def add_overwrite(parser: Arguments, *, where: str = "OUT") -> None:
+    """Add --overwrite; `where` names the folder that it is about."""
+    parser.add_argument(
+        "--overwrite",
+        action="store_true",
+        help=f"replace what {where} holds of another source or of other settings",
+    )
 
 
 def add_range(parser: Arguments, *, stride: int | None = 1) -> None:

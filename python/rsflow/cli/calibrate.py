@@ -11,10 +11,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rsflow.cli._options import add_overwrite, identity_of
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from rsflow._results import ResultFolder
     from rsflow.camera.views import View
 
 DESCRIPTION = """\
@@ -63,6 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="FILE", help="camera file: .yaml (ROS), .yml/.xml (OpenCV), .json")
     parser.add_argument("--format", choices=("json", "opencv", "ros", "kalibr"), help="overrules the file's suffix")
     parser.add_argument("--pictures", metavar="DIR", help="write a picture of each view with its corners")
+    add_overwrite(parser, where="DIR")
     parser.add_argument("--json", action="store_true", help="print the whole result as JSON")
     parser.add_argument("--pattern", choices=("chessboard", "charuco"), default="chessboard", help="what is printed")
     parser.add_argument("--marker", type=length_m, metavar="M", help="ChArUco: side of a marker in metres")
@@ -86,7 +90,9 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         # Before the work, not after it.
         format_of(args.output, args.format)
-    source = frames([args.source, *args.more] if args.more else args.source)
+    given = [args.source, *args.more] if args.more else args.source
+    source = frames(given)
+    folder = _writable(args, given)
     calibration = calibrate(
         source,
         board=args.board,
@@ -104,7 +110,12 @@ def run(args: argparse.Namespace) -> int:
     )
     if args.output is not None:
         calibration.save(args.output, format=args.format)
-    pictures = calibration.draw(args.pictures) if args.pictures is not None else []
+    pictures = []
+    if folder is not None:
+        with folder:
+            folder.record()
+            pictures = calibration.draw(args.pictures)
+            folder.finish(pictures)
     if args.json:
         json.dump(calibration.as_dict(), sys.stdout, indent=2, allow_nan=False)
         print()
@@ -115,6 +126,22 @@ def run(args: argparse.Namespace) -> int:
     if pictures:
         print(f"wrote {len(pictures)} pictures to {Path(args.pictures)}")
     return 0
+
+
+def _writable(args: argparse.Namespace, given: str | list[str]) -> ResultFolder | None:
+    """Find out whether the files may be written, before the work; give the folder of the pictures."""
+    from rsflow._inputs import Inputs
+    from rsflow._results import ResultFolder
+
+    names = ("coverage.png", "*.corners.png")
+    outputs = [] if args.output is None else [Path(args.output)]
+    if args.pictures is not None:
+        outputs += [Path(args.pictures) / names[0], *Path(args.pictures).glob(names[1])]
+    Inputs(given).refuse(outputs)
+    if args.pictures is None:
+        return None
+    identity = identity_of(given, args)
+    return ResultFolder(Path(args.pictures), "calibrate", names, identity, overwrite=args.overwrite)
 
 
 def _wrapped(line: str) -> str:

@@ -33,10 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command: 0 done."""
+    from rsflow._inputs import Inputs
     from rsflow.errors import OptionError
     from rsflow.io import FLOW_SUFFIXES, read_flow, read_flow_times, write_flow
 
     source, target = Path(args.source), Path(args.target)
+    Inputs(files=[source]).refuse([target])
     if source.suffix.lower() in _CAMERA_SUFFIXES:
         from rsflow.camera.model import Camera
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rsflow.cli._options import add_overwrite
+
 if TYPE_CHECKING:
     from rsflow.extraction import Measured
     from rsflow.synthetic import Flight
@@ -46,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", default="rsflow-demo", metavar="OUT", help="folder (default rsflow-demo)")
     parser.add_argument("--frames", type=_frames, default=90, metavar="N", help="length of the flight (default 90)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the ground and the noise (default 1)")
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
 
 
@@ -163,9 +166,19 @@ def _row(
 
 def run(args: argparse.Namespace) -> int:
     """Make, extract, compare."""
+    from rsflow._results import Identity, ResultFolder
+    from rsflow.extraction.outputs import NAMES
+
+    identity = Identity.of([], {"frames": args.frames, "seed": args.seed})
+    names = ("input/flight.avi", "input/camera.json", *NAMES.values())
+    with ResultFolder(Path(args.output), "demo", names, identity, overwrite=args.overwrite) as folder:
+        folder.record()
+        return _made_and_measured(args, folder.folder)
+
+
+def _made_and_measured(args: argparse.Namespace, folder: Path) -> int:
     from rsflow.extraction import extract
 
-    folder = Path(args.output)
     entry = folder / "input"
     entry.mkdir(parents=True, exist_ok=True)
     watched = sys.stderr.isatty() and not args.json
@@ -182,6 +195,7 @@ def run(args: argparse.Namespace) -> int:
         height_m=HEIGHT_M,
         height_std_m=0.0,
         camera_motion="moving",
+        overwrite=args.overwrite,
         progress=watched,
         on_frame=comparison.add,
     )

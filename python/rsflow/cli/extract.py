@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rsflow.cli._options import (
     add_illumination,
     add_max_displacement,
+    add_overwrite,
     add_preset,
     add_range,
     add_rate,
@@ -70,6 +71,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_illumination(how)
     add_max_displacement(how)
     how.add_argument("--no-videos", action="store_true", help="tables and report only: faster")
+    add_overwrite(parser)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,6 +99,7 @@ def options(args: argparse.Namespace) -> dict[str, Any]:
         "illumination": args.illumination,
         "max_displacement": args.max_displacement,
         "videos": not args.no_videos,
+        "overwrite": args.overwrite,
     }
 
 

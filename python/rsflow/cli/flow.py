@@ -6,13 +6,20 @@ import argparse
 import contextlib
 import json
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rsflow.cli._options import add_illumination, add_max_displacement, add_preset, add_range, add_rate
+from rsflow.cli._options import (
+    add_illumination,
+    add_max_displacement,
+    add_overwrite,
+    add_preset,
+    add_range,
+    add_rate,
+    identity_of,
+)
 from rsflow.errors import OptionError
 
 if TYPE_CHECKING:
@@ -40,6 +47,8 @@ Motion is in pixels, x to the right and y down, at the pixels of the first pictu
 _STYLES = ("arrows", "color", "overlay")
 # The scale of a clip is fitted to its first pairs.
 _FITTED_PAIRS = 10
+# The files of a sequence.
+_FILES = "flow_[0-9][0-9][0-9][0-9][0-9][0-9]*.*"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_range(parser, stride=None)
     add_rate(parser)
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print a line of JSON for each pair")
 
 
@@ -93,6 +103,7 @@ def _estimator(args: argparse.Namespace) -> DenseFlow:
 
 def _pair(args: argparse.Namespace) -> int:
     from rsflow._drawing import expect_picture_name
+    from rsflow._inputs import Inputs
     from rsflow.io import expect_flow_name, write_flow
 
     for name in ("start", "stop", "stride", "rate", "format"):
@@ -103,6 +114,8 @@ def _pair(args: argparse.Namespace) -> int:
         expect_flow_name(Path(args.output))
     if args.picture:
         expect_picture_name(Path(args.picture), vectors=args.style == "arrows")
+    read = Inputs(files=(args.source, args.next, args.initial, args.mask))
+    read.refuse(path for path in (args.output, args.picture) if path)
     first, second = (_only(path) for path in (args.source, args.next))
     flow = _estimator(args)
     flow.update(first.image)
@@ -123,10 +136,14 @@ def _only(path: str) -> Frame:
         return next(iter(source))
 
 
-def _pairs(args: argparse.Namespace, source: Iterator[Frame]) -> Iterator[tuple[Frame, Frame, FlowField]]:
+def _pairs(
+    args: argparse.Namespace, source: Iterator[Frame], taken: list[int]
+) -> Iterator[tuple[Frame, Frame, FlowField]]:
+    """Measure pair after pair; `taken` counts the frames."""
     flow = _estimator(args)
     before: Frame | None = None
     for frame in source:
+        taken[0] += 1
         field = flow.update(frame.image)
         if field is not None and before is not None:
             yield before, frame, field
@@ -134,6 +151,8 @@ def _pairs(args: argparse.Namespace, source: Iterator[Frame]) -> Iterator[tuple[
 
 
 def _sequence(args: argparse.Namespace) -> int:
+    from rsflow._results import ResultFolder
+    from rsflow.camera._empty import expect_range, too_few
     from rsflow.camera.capture import frames
     from rsflow.io import FLOW_SUFFIXES, write_flow
     from rsflow.video import VideoWriter
@@ -143,8 +162,9 @@ def _sequence(args: argparse.Namespace) -> int:
         folder = Path(args.output)
         if folder.suffix.lower() in FLOW_SUFFIXES and not folder.is_dir():
             raise OptionError(f"-o {folder}: a source has a flow for each pair, expected a folder; --format says which")
-        folder.mkdir(parents=True, exist_ok=True)
     count = 0
+    written: list[Path] = []
+    taken = [0]
     with contextlib.ExitStack() as stack:
         source = stack.enter_context(
             frames(
@@ -156,6 +176,13 @@ def _sequence(args: argparse.Namespace) -> int:
                 frame_rate=args.rate,
             )
         )
+        expect_range(source)
+        _refuse_inputs(args, suffix)
+        result = None
+        if args.output:
+            identity = identity_of(args.source, args, files=("initial", "mask"))
+            result = ResultFolder(Path(args.output), "flow", (_FILES,), identity, overwrite=args.overwrite)
+            stack.enter_context(result)
         video = None
         if args.picture:
             rate = (source.frame_rate or 25.0) / stride
@@ -173,11 +200,13 @@ def _sequence(args: argparse.Namespace) -> int:
             waiting.clear()
 
         try:
-            for before, after, field in _pairs(args, source):
+            for before, after, field in _pairs(args, source, taken):
                 count += 1
-                if args.output:
+                if result is not None:
+                    result.record()
                     times = {} if math.isnan(before.t_s + after.t_s) else {"t0_s": before.t_s, "t1_s": after.t_s}
-                    write_flow(Path(args.output) / f"flow_{after.index:06d}.{suffix}", field, **times)
+                    written.append(result.folder / f"flow_{after.index:06d}.{suffix}")
+                    write_flow(written[-1], field, **times)
                 if video is not None:
                     waiting.append((before, field))
                     drawn(all_of_them=False)
@@ -189,10 +218,21 @@ def _sequence(args: argparse.Namespace) -> int:
             if video is not None:
                 video.finish()
             raise
-    if count == 0:
-        print(f"rsflow flow: {args.source} has fewer than two frames: no flow", file=sys.stderr)
-        return 1
+        if count == 0:
+            raise too_few(source, taken[0])
+        if result is not None:
+            result.finish(written)
     return 0
+
+
+def _refuse_inputs(args: argparse.Namespace, suffix: str) -> None:
+    """Raise OptionError where a file would be written over that is read, or where the source would find it."""
+    from rsflow._inputs import Inputs
+
+    files = [Path(args.picture)] if args.picture else []
+    if args.output:
+        files += [Path(args.output) / f"flow_000000.{suffix}", *Path(args.output).glob(_FILES)]
+    Inputs(args.source, files=(args.initial, args.mask)).refuse(files)
 
 
 def _fitted(args: argparse.Namespace, fields: list[FlowField]) -> dict[str, Any]:

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rsflow.cli._options import add_overwrite, identity_of
+
 if TYPE_CHECKING:
     from rsflow.reproduce import RealMotion, SyntheticMotion
 
@@ -38,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="OUT", help="folder for reproduce.txt and reproduce.json")
     parser.add_argument("--frames", type=int, default=8, metavar="N", help="frames of each flight (default 8)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of grounds, directions and noise (default 0)")
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
 
 
@@ -45,11 +48,16 @@ def run(args: argparse.Namespace) -> int:
     """Measure and print."""
     from rsflow import reproduce
     from rsflow._files import writing
+    from rsflow._inputs import Inputs
+    from rsflow._results import ResultFolder
 
     pictures, origin = _pictures(args.pictures)
-    folder = None if args.output is None else Path(args.output)
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
+    names = ("reproduce.txt", "reproduce.json")
+    folder = None
+    if args.output is not None:
+        Inputs(args.pictures).refuse(Path(args.output) / name for name in names)
+        identity = identity_of(args.pictures, args)
+        folder = ResultFolder(Path(args.output), "reproduce", names, identity, overwrite=args.overwrite)
     progress = _progress if sys.stderr.isatty() else None
     tables = [reproduce.synthetic_motion(pictures, condition, seed=args.seed) for condition in reproduce.CONDITIONS]
     flights = reproduce.real_motion(frames=args.frames, seed=args.seed, progress=progress)
@@ -59,9 +67,11 @@ def run(args: argparse.Namespace) -> int:
     figures = json.dumps(_figures(tables, flights, origin), indent=1)
     print(figures if args.json else text)
     if folder is not None:
-        for name, content in (("reproduce.txt", text), ("reproduce.json", figures)):
-            with writing(folder / name) as partial:
-                partial.write_text(content + "\n", encoding="utf-8")
+        with folder:
+            folder.record()
+            for name, content in zip(names, (text, figures), strict=True):
+                with writing(folder.folder / name) as partial:
+                    partial.write_text(content + "\n", encoding="utf-8")
     return 0
 
 

@@ -6,10 +6,9 @@ import argparse
 import contextlib
 import json
 import math
-import sys
 from pathlib import Path
 
-from rsflow.cli._options import add_max_displacement, add_preset, add_range, add_rate
+from rsflow.cli._options import add_max_displacement, add_overwrite, add_preset, add_range, add_rate, identity_of
 
 DESCRIPTION = """\
 Tell what moves from what stands still in a SOURCE (a video, a folder or glob of pictures, a camera's index, a URL).
@@ -36,14 +35,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--masks", action="store_true", help="also write masks/000001.png and so on")
     add_range(parser)
     add_rate(parser)
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print a line of JSON for each frame")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command: 0 done, 1 with fewer than two frames."""
+    """Run the command: 0 done."""
     import numpy as np
 
     from rsflow._drawing import save_picture
+    from rsflow._inputs import Inputs
+    from rsflow._results import ResultFolder
+    from rsflow.camera._empty import expect_range, too_few
     from rsflow.camera.capture import frames
     from rsflow.objects import ObjectTable
     from rsflow.segmentation import MotionSegmenter
@@ -68,6 +71,14 @@ def run(args: argparse.Namespace) -> int:
                 frame_rate=args.rate,
             )
         )
+        expect_range(source)
+        names = ("moving.mp4", "static.mp4", "objects.csv", "masks/[0-9][0-9][0-9][0-9][0-9][0-9]*.png")
+        files = [out / name for name in names[:3]]
+        masks = [out / "masks" / "000000.png", *out.glob("masks/*.png")] if args.masks else []
+        Inputs(args.source).refuse([*files, *masks])
+        folder = stack.enter_context(
+            ResultFolder(out, "segment", names, identity_of(args.source, args), overwrite=args.overwrite)
+        )
         rate = (source.frame_rate or 25.0) / args.stride
         table = stack.enter_context(ObjectTable(out / "objects.csv"))
         videos = [
@@ -81,7 +92,9 @@ def run(args: argparse.Namespace) -> int:
                 videos[1].write(result.static_view(frame.color), t_s)
                 table.write(frame.index, frame.t_s, result.objects)
                 if args.masks:
-                    save_picture(out / "masks" / f"{frame.index:06d}.png", result.moving.astype(np.uint8) * 255)
+                    folder.record()
+                    files.append(out / "masks" / f"{frame.index:06d}.png")
+                    save_picture(files[-1], result.moving.astype(np.uint8) * 255)
                 count += 1
                 seen |= {thing.id for thing in result.objects}
                 if args.json:
@@ -99,12 +112,14 @@ def run(args: argparse.Namespace) -> int:
                     )
         except KeyboardInterrupt:
             # What is finished is kept.
+            folder.record()
             for video in videos:
                 video.finish()
             raise
-    if count < 2:
-        print(f"rsflow segment: {args.source} has {count} frame(s): nothing to compare", file=sys.stderr)
-        return 1
+        if count < 2:
+            raise too_few(source, count)
+        folder.record()
+        folder.finish(files)
     if not args.json:
         print(
             f"{count} frames, {len(seen)} things that moved: {out / 'moving.mp4'}, {out / 'static.mp4'}, "

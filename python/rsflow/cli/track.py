@@ -10,7 +10,15 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rsflow.cli._options import add_illumination, add_max_displacement, add_range, add_rate, source_of
+from rsflow.cli._options import (
+    add_illumination,
+    add_max_displacement,
+    add_overwrite,
+    add_range,
+    add_rate,
+    identity_of,
+    source_of,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,19 +60,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_range(parser)
     parser.add_argument("--no-video", action="store_true", help="write the table alone")
     parser.add_argument("--parquet", action="store_true", help="write tracks.parquet in place of tracks.csv")
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print a summary as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     """Track, write the video and the table, print a summary."""
     import rsflow
+    from rsflow._inputs import Inputs
+    from rsflow._results import ResultFolder
+    from rsflow.camera._empty import expect_range, nothing_to_measure
     from rsflow.errors import OptionError
 
     if args.trail < 1:
         raise OptionError(f"--trail: got {args.trail}, expected 1 or more frames")
-    folder = Path(args.output)
-    # Found out before the work, not after it.
-    folder.mkdir(parents=True, exist_ok=True)
+    folder, given = Path(args.output), source_of(args.source)
+    table = folder / ("tracks.parquet" if args.parquet else "tracks.csv")
+    video = folder / "tracks.mp4"
+    files = [table] if args.no_video else [video, table]
     tracker = rsflow.PointTracker(
         max_corners=args.points,
         quality=args.quality,
@@ -77,9 +90,15 @@ def run(args: argparse.Namespace) -> int:
     options = {"start": args.start, "stop": args.stop, "stride": args.stride, "frame_rate": args.rate}
     trails = _Trails(args.trail)
     count, cuts, interrupted = 0, 0, False
-    video = folder / "tracks.mp4"
     with ExitStack() as stack:
-        source = stack.enter_context(rsflow.frames(source_of(args.source), **options))
+        source = stack.enter_context(rsflow.frames(given, **options))
+        expect_range(source)
+        Inputs(given).refuse(files)
+        names = ("tracks.mp4", "tracks.csv", "tracks.parquet")
+        # What is wrong with the folder is found out before the work, not after it.
+        result = stack.enter_context(
+            ResultFolder(folder, "track", names, identity_of(given, args), overwrite=args.overwrite)
+        )
         writer = None
         try:
             for frame in source:
@@ -93,9 +112,12 @@ def run(args: argparse.Namespace) -> int:
                     writer.write(trails.draw(frame.image, tracks, tracker.scene_cut))
         except KeyboardInterrupt:
             interrupted = True
-    table = folder / ("tracks.parquet" if args.parquet else "tracks.csv")
-    rows = tracker.to_table()
-    rows.save(table)
+        if count == 0 and not interrupted:
+            raise nothing_to_measure(source)
+        result.record()
+        rows = tracker.to_table()
+        rows.save(table)
+        result.finish(files)
     summary = _summary(rows.columns, count, cuts)
     if args.json:
         print(json.dumps(summary))

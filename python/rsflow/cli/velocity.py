@@ -8,9 +8,13 @@ import math
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rsflow.cli._options import add_range, add_rate, source_of
+from rsflow.cli._options import add_overwrite, add_range, add_rate, identity_of, source_of
+
+if TYPE_CHECKING:
+    from rsflow._results import ResultFolder
+    from rsflow.camera.capture import Frames
 
 DESCRIPTION = """\
 Measure how fast a camera travels over flat ground, and what the figures are worth.
@@ -45,12 +49,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", default=".", metavar="OUT", help="folder for the files (default: this one)")
     add_rate(parser)
     add_range(parser)
+    add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print a summary as JSON")
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write the table and the plot, print a summary."""
     import rsflow
+    from rsflow.camera._empty import nothing_to_measure
     from rsflow.extraction.metric import fitting_camera
     from rsflow.extraction.summary import as_json
     from rsflow.extraction.track import Track
@@ -60,21 +66,23 @@ def run(args: argparse.Namespace) -> int:
     camera = rsflow.Camera.load(args.camera)
     heights = None if args.height_csv is None else Heights.read(args.height_csv)
     folder = Path(args.output)
+    table, picture = folder / "velocity.csv", folder / "velocity.png"
     rows: list[dict[str, Any]] = []
     track = Track()
     budget, scaled, interrupted = "", "", False
     unstated: tuple[str, ...] = ()
     broken: rsflow.RsflowError | None = None
     source = source_of(args.source)
-    with rsflow.frames(source, frame_rate=args.rate, start=args.start, stop=args.stop, stride=args.stride) as sequence:
+    with (
+        rsflow.frames(source, frame_rate=args.rate, start=args.start, stop=args.stop, stride=args.stride) as sequence,
+        _folder(args, source, sequence, [table, picture]) as result,
+    ):
         estimator = None
         try:
             for frame in sequence:
                 if estimator is None:
                     fitted, scaled = fitting_camera(camera, sequence, None)
                     estimator = rsflow.VelocityEstimator(fitted, height_m=args.height, height_std_m=args.height_std)
-                    # A folder that cannot be made fails now, not after the last frame.
-                    folder.mkdir(parents=True, exist_ok=True)
                 own = None if heights is None else heights.at(frame=frame.index, t_s=frame.t_s)
                 v = estimator.update(frame.image, frame.t_s, height_m=own)
                 track.add(v, frame.index)
@@ -86,9 +94,17 @@ def run(args: argparse.Namespace) -> int:
             if not rows:
                 raise
             broken = error
-    table, picture = folder / "velocity.csv", folder / "velocity.png"
-    write_velocity_csv(table, rows)
-    note = _plotted(picture, rows, str(args.source))
+        if not rows:
+            raise KeyboardInterrupt if interrupted else nothing_to_measure(sequence)
+        if heights is not None and not any(math.isfinite(row["height_m"]) for row in rows) and broken is None:
+            raise rsflow.OptionError(
+                f"--height-csv: {args.height_csv} has {heights.span}, the frames from {rows[0]['frame']} to "
+                f"{rows[-1]['frame']} are at times from {rows[0]['t_s']:g} to {rows[-1]['t_s']:g} s: none has a height"
+            )
+        result.record()
+        write_velocity_csv(table, rows)
+        note = _plotted(picture, rows, str(args.source))
+        result.finish([table] if note is not None else [table, picture])
     notes = [text for text in (scaled, not_stated(unstated)) if text]
     summary = (
         _summary(rows)
@@ -118,13 +134,23 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _folder(args: argparse.Namespace, source: int | str, sequence: Frames, files: list[Path]) -> ResultFolder:
+    """Find out whether the files may be written, before the work."""
+    from rsflow._inputs import Inputs
+    from rsflow._results import ResultFolder
+    from rsflow.camera._empty import expect_range
+
+    expect_range(sequence)
+    Inputs(source, files=(args.camera, args.height_csv)).refuse(files)
+    identity = identity_of(source, args, files=("camera", "height_csv"))
+    return ResultFolder(files[0].parent, "velocity", [path.name for path in files], identity, overwrite=args.overwrite)
+
+
 def _plotted(path: Path, rows: list[dict[str, Any]], title: str) -> str | None:
     """Draw the plot; what stands in the way as a sentence."""
     from rsflow.errors import MissingExtraError
     from rsflow.velocity import plot_velocity
 
-    if not rows:
-        return "there are no frames"
     try:
         plot_velocity(path, rows, title=title)
     except MissingExtraError as error:

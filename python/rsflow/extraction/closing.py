@@ -73,6 +73,7 @@ def close(outputs: Outputs, pipeline: Pipeline, ending: Ending) -> tuple[Extract
         step("report", lambda path: path.write_text(page(bare), encoding="utf-8"))
     if complete:
         remove_partial(outputs.folder)
+        outputs.claim.remove_stale(files)
     order = {name: files[name] for name in NAMES if name in files}
     return Extraction(outputs.folder, complete, order, summary), trouble
 
@@ -108,6 +109,7 @@ def _summary(
         "build": ", ".join(f"{name} {value}" for name, value in build_info().items() if name != "version"),
         "date": datetime.datetime.now().astimezone().isoformat(sep=" ", timespec="seconds"),
         "source": stream.source,
+        "identity": outputs.claim.identity.as_dict(),
         "complete": complete,
         "reason": ending.reason or ("" if trouble is None else str(trouble)),
         "next_start": None if complete else ending.last,

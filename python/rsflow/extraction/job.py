@@ -8,8 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..camera._empty import expect_range, nothing_to_measure
 from ..errors import RsflowError
 from .background import BackgroundWorker
+from .claim import Claim
 from .closing import Ending, close
 from .outputs import Outputs
 from .pipeline import Measured, Pipeline
@@ -41,6 +43,7 @@ def extract(
     videos: bool = True,
     progress: bool = False,
     on_frame: Callable[[Measured], None] | None = None,
+    overwrite: bool = False,
 ) -> Extraction:
     """Extract the motion of one source into a folder: tables, videos and a report page, in one pass.
 
@@ -53,7 +56,8 @@ def extract(
     source : int, str, path, array or iterable
         As for `rsflow.frames`: a camera's index, a video, a folder or glob of pictures, a URL, arrays.
     out : path
-        Folder for the results; made if it is missing. Files of an earlier run are replaced when this one ends.
+        Folder for the results; made if it is missing. The result of an earlier run with the same source and settings
+        is replaced when this one ends; any other is left alone, see `overwrite`.
     camera : Camera or path, optional
         The calibrated camera, of the whole picture: `roi` is allowed for.
     height_m : float or path, optional
@@ -83,6 +87,9 @@ def extract(
     on_frame : callable, optional
         Called with each frame's `Measured`: its picture, flow, segmentation, velocity and rows; in order, from
         another thread.
+    overwrite : bool
+        Replace the result of another source or of other settings too. A camera, a stream or an iterable, which two
+        runs cannot be known to see alike, always count as another source.
 
     Returns
     -------
@@ -97,9 +104,10 @@ def extract(
     ExtractionInterrupted
         At Ctrl-C or SIGTERM, likewise; a `KeyboardInterrupt`. A live source is ended by it and complete.
     CaptureError
-        If the source cannot be opened or holds no frame.
+        If the source cannot be opened, or no frame is left of it by `start`, `stop` and `stride`.
     OptionError, FormatError
-        If an option is outside of what it allows, or the camera file is not one.
+        If an option is outside of what it allows, the camera file is not one, no frame has a height, a result would be
+        written over a file that is read, or `out` holds the result of another run. Nothing is written then.
     OSError
         If the folder cannot be written.
 
@@ -131,11 +139,11 @@ def extract(
     settings.validate()
     from ..camera.capture import frames
 
-    with (
-        frames(source, color=True, roi=roi, start=start, stop=stop, stride=stride, frame_rate=frame_rate) as stream,
-        Outputs(Path(out), stream, settings) as outputs,
-    ):
-        return _Job(stream, settings, outputs, on_frame).run(progress)
+    with frames(source, color=True, roi=roi, start=start, stop=stop, stride=stride, frame_rate=frame_rate) as stream:
+        expect_range(stream)
+        claim = Claim(Path(out), source, settings, overwrite=overwrite)
+        with Outputs(Path(out), stream, settings, claim) as outputs:
+            return _Job(stream, settings, outputs, on_frame).run(progress)
 
 
 class _Job:
@@ -175,7 +183,9 @@ class _Job:
             failure = self._drained() or failure
             if self.last is None:
                 # Nothing to keep: the folder stays as it was.
-                raise failure or KeyboardInterrupt
+                raise failure or (KeyboardInterrupt() if interrupted else nothing_to_measure(self.stream))
+            if failure is None and not interrupted:
+                failure = self.pipeline.without_height()
             return self._ended(interrupted, failure, time.monotonic() - begin)
 
     def take(self, frame: Any) -> None:

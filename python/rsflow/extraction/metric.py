@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import OptionError
 
 if TYPE_CHECKING:
+    from ..camera.capture import Frames
     from ..camera.model import Camera
 
 __all__ = ["HeightOf", "fitting_camera"]
@@ -70,9 +71,47 @@ class HeightOf:
     def __init__(self, height_m: float | str | os.PathLike[str]) -> None:
         from ..velocity import Heights
 
+        self._path = None if isinstance(height_m, (int, float)) else os.fspath(height_m)
         self._constant = float(height_m) if isinstance(height_m, (int, float)) else math.nan
         self._heights = None if isinstance(height_m, (int, float)) else Heights.read(height_m)
+        self._known = 0
+        self._asked: list[tuple[int, float]] = []
 
     def at(self, frame: int, t_s: float) -> float:
         """Give the height in metres, NaN where the CSV has none."""
-        return self._constant if self._heights is None else self._heights.at(frame=frame, t_s=t_s)
+        if self._heights is None:
+            return self._constant
+        height = self._heights.at(frame=frame, t_s=t_s)
+        self._known += math.isfinite(height)
+        # The first and the last.
+        self._asked = [*self._asked[:1], (frame, t_s)]
+        return height
+
+    def expect_some(self, stream: Frames) -> None:
+        """Raise OptionError where it is plain before the first frame that none of `stream` has a height."""
+        count = stream.count
+        if self._heights is None or count is None or count == 0:
+            return
+        keys, taken = self._heights.keys, range(stream._start, stream._start + count * stream._stride, stream._stride)
+        # A container's own count and rate may be wrong by some: only what is far off is plain.
+        slack = max(10, count // 4)
+        if self._heights.by == "frame":
+            far = keys[0] > taken[-1] + slack or keys[-1] < taken[0]
+        elif stream.frame_rate and stream.timestamps in ("file", "given", "rate"):
+            first, last = taken[0] / stream.frame_rate, (taken[-1] + slack) / stream.frame_rate
+            far = keys[0] > 2 * last + 1 or keys[-1] < first / 2 - 1
+        else:
+            return
+        if far:
+            raise self._error(f"{stream.source} has {count} frames, from {taken[0]} to {taken[-1]}")
+
+    def missed(self) -> OptionError | None:
+        """Give the error that frames were asked for and none had a height, or None."""
+        if self._heights is None or self._known or not self._asked:
+            return None
+        (first, begin), (last, end) = self._asked[0], self._asked[-1]
+        return self._error(f"the frames from {first} to {last} are at times from {begin:g} to {end:g} s")
+
+    def _error(self, frames: str) -> OptionError:
+        assert self._heights is not None
+        return OptionError(f"height_m: {self._path} has {self._heights.span}, {frames}: no frame has a height")

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
+from .._files import remove_leftovers
 from . import columns
 from .series import Series
 from .tables import CsvTable, partial_name
@@ -14,6 +15,7 @@ from .track import Track
 from .views import Views
 
 if TYPE_CHECKING:
+    from .claim import Claim
     from .pipeline import Measured
     from .settings import ExtractSettings
 
@@ -45,13 +47,14 @@ class _Growing(Protocol):
 class Outputs:
     """The tables and videos of one extraction. As a context manager it leaves nothing hidden behind."""
 
-    def __init__(self, folder: Path, stream: Any, settings: ExtractSettings) -> None:
-        self.folder, self.stream, self.settings = folder, stream, settings
+    def __init__(self, folder: Path, stream: Any, settings: ExtractSettings, claim: Claim) -> None:
+        self.folder, self.stream, self.settings, self.claim = folder, stream, settings, claim
         self.tables: dict[str, CsvTable] = {}
         self.series: dict[str, Series] = {}
         self.views: Views | None = None
         self.track: Track | None = None
         self._made = _made(folder)
+        remove_leftovers(folder)
         try:
             self._open("motion", columns.MOTION)
             self._open("objects", columns.OBJECTS)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import OptionError
 from . import rows
 from .metric import HeightOf, fitting_camera
 from .probe import CameraDecision, arrow_style, camera_motion
@@ -84,6 +85,7 @@ class Pipeline:
         if settings.height_m is not None:
             # Read before the first frame: a wrong file must fail before anything is written.
             self._height = HeightOf(settings.height_m)
+            self._height.expect_some(stream)
 
     def measure(self, frame: Any) -> tuple[Any, Any]:
         """First step: displacement and dense flow since the frame before, None for the first."""
@@ -143,6 +145,10 @@ class Pipeline:
             objects=rows.object_rows(frame, segmentation),
             velocity_row=table_row,
         )
+
+    def without_height(self) -> OptionError | None:
+        """Give the error that no frame had a height, or None."""
+        return None if self._height is None else self._height.missed()
 
     def background(self) -> Any:
         """Give the static scene at the end, None where there is none."""

@@ -66,8 +66,6 @@ class ExtractSettings:
         if self.height_m is not None and not isinstance(self.height_m, (str, os.PathLike)):
             _checks.number("height_m", self.height_m, above=0, of="metres")
         _checks.number_or_none("height_std_m", self.height_std_m, least=0, of="metres")
-        if self.stop is not None and self.stop <= (self.start or 0):
-            raise OptionError(f"stop: got {self.stop}, expected a frame number above start ({self.start or 0})")
 
     def as_text(self) -> dict[str, str]:
         """Every option with its value, for the report and the summary."""
