@@ -71,9 +71,9 @@ class HeightOf:
     def __init__(self, height_m: float | str | os.PathLike[str]) -> None:
         from ..velocity import Heights
 
-        self._path = None if isinstance(height_m, (int, float)) else os.fspath(height_m)
-        self._constant = float(height_m) if isinstance(height_m, (int, float)) else math.nan
-        self._heights = None if isinstance(height_m, (int, float)) else Heights.read(height_m)
+        self._path = os.fspath(height_m) if isinstance(height_m, (str, os.PathLike)) else None
+        self._constant = math.nan if isinstance(height_m, (str, os.PathLike)) else float(height_m)
+        self._heights = Heights.read(self._path) if self._path is not None else None
         self._known = 0
         self._asked: list[tuple[int, float]] = []
 
