@@ -115,7 +115,7 @@ def _read_kitti(path: Path, file: BinaryIO, size: int, limit: int) -> NDArray[np
     check_pixels(str(path), width, height, pixel_bytes=_FLOW_BYTES, file_bytes=size, limit=limit, allowed=_FLOW_BYTES)
     import cv2
 
-    from .camera._video import quiet
+    from .camera._video_open import quiet
 
     with quiet():
         try:

@@ -11,7 +11,6 @@ import contextlib
 import os
 import stat
 from collections.abc import Iterator
-from pathlib import Path
 from typing import BinaryIO
 
 from ._checks import integer
@@ -121,20 +120,20 @@ def opened(
     OSError
         If it cannot be opened.
     """
-    path = Path(path)
     # Without O_NONBLOCK, opening a pipe that nobody writes to waits for ever.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
     try:
-        mode = path.stat().st_mode
+        descriptor = os.open(path, flags)
     except ValueError as problem:
         raise error(f"{str(path)[:80]!r}: not the name of a file: {problem}") from None
-    if not stat.S_ISREG(mode):
-        raise error(f"{path}: got {kind_of(mode)}, expected a regular file")
-    descriptor = os.open(path, flags)
-    with os.fdopen(descriptor, "rb") as file:
-        status = os.fstat(file.fileno())
+    try:
+        status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             raise error(f"{path}: got {kind_of(status.st_mode)}, expected a regular file")
+    except BaseException:
+        os.close(descriptor)
+        raise
+    with os.fdopen(descriptor, "rb") as file:
         if most is not None and status.st_size > most:
             raise error(f"{path}: got {status.st_size} bytes, expected at most {most}")
         yield file, status.st_size

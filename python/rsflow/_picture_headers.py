@@ -263,7 +263,12 @@ def _avif(data: bytes) -> PictureHeader:
     sizes = [struct.unpack_from(">II", data, place.end() + 4) for place in re.finditer(b"ispe", data[: 1 << 20])]
     if not sizes:
         raise HeaderError("an AVIF without a size")
-    return PictureHeader("AVIF", max(size[0] for size in sizes), max(size[1] for size in sizes), 4)
+    width, height = max(size[0] for size in sizes), max(size[1] for size in sizes)
+    # The brand of a sequence, and the table of the lengths of its frames.
+    table = data.find(b"stsz") if b"avis" in data[8:64] else -1
+    count = 1 if table < 0 else struct.unpack_from(">I", data, table + 12)[0]
+    _held(count, len(data), data, width, height)
+    return PictureHeader("AVIF", width, height, 4, tuple(range(max(1, count))), count > 1)
 
 
 # TIFF: bytes of a value of each type, and its letter for struct; what is no whole number has none.

@@ -95,7 +95,7 @@ class Cv2Sink:
     def __init__(self, path: Path, codec: str, rate: Fraction, width: int, height: int) -> None:
         import cv2
 
-        from .camera._video import quiet
+        from .camera._video_open import quiet
 
         self._cv2 = cv2
         self._quiet = quiet
@@ -113,7 +113,7 @@ class Cv2Sink:
         self._frames += 1
 
     def close(self) -> None:
-        from .camera._video import open_capture
+        from .camera._video_open import open_capture
 
         with self._quiet():
             self._writer.release()

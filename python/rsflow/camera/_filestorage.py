@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 from ..errors import FormatError
-from ._video import quiet
+from ._video_open import quiet
 from .model import Camera
 
 _DEPTH = 8

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..errors import CaptureError
 from ._reader import Raw, Timestamps
-from ._video import open_capture, quiet
+from ._video_open import open_capture, quiet
 
 # Frames kept for a reader that wants all of them: beyond, the camera's own driver drops.
 _QUEUE_FRAMES = 32
@@ -38,6 +38,7 @@ class LiveReader:
         self.timestamps: Timestamps = "clock"
         self.live = True
         self.exact = False
+        self.lost = 0
         self._device = source
         self._timeout_s = timeout_s
         self._camera_size = camera_size

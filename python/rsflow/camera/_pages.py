@@ -14,7 +14,7 @@ from .._limits import check_pixels, opened
 from .._picture_headers import HeaderError, PictureHeader, picture_header
 from ..errors import CaptureError
 from ._reader import Raw, Timestamps
-from ._video import quiet
+from ._video_open import quiet
 
 __all__ = ["PagesReader", "PictureFile", "read_picture"]
 
@@ -133,6 +133,7 @@ class PagesReader:
         self.count: int | None = len(file.header.pages)
         self.live = False
         self.exact = True
+        self.lost = 0
         self.notes: tuple[str, ...] = ()
         self.size: tuple[int, int] | None = (file.header.width, file.header.height)
         self.timestamps: Timestamps = "file" if file.header.animated else "none"

@@ -37,6 +37,10 @@ class Reader(Protocol):
     exact: bool
 
     @property
+    def lost(self) -> int:
+        """Pictures that the source has and the decoder could not give, of those read so far."""
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Peculiarities that were mended."""
 

@@ -187,6 +187,7 @@ class PictureReader:
         self.timestamps: Timestamps = "none"
         self.live = False
         self.exact = True
+        self.lost = 0
         self.notes: tuple[str, ...] = ()
         self._paths = paths
         self._limit = limit
@@ -223,6 +224,7 @@ class ArrayReader:
         self.count = count
         self.live = False
         self.exact = True
+        self.lost = 0
         self.notes: tuple[str, ...] = ()
         self._limit = limit
         self._items: Iterator[Any] = iter(items)

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import heapq
 import math
-import os
-import threading
 from collections import deque
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ..errors import CaptureError
+from .._limits import check_pixels
+from ..errors import CaptureError, ShapeError
+from ._containers import Container, read_container
+from ._packets import Packets
 from ._reader import Raw, Timestamps
+from ._video_open import open_capture, quiet
 
 # Frames looked at when a file is opened, to see whether its timestamps exist and are in order. Reordering in H.264
 # and HEVC spans at most 16 frames.
@@ -22,66 +22,11 @@ _PROBE_FRAMES = 24
 # Backends of OpenCV that count frames and divide by the nominal rate instead of reading timestamps.
 _COUNTING_BACKENDS = ("CV_MJPEG", "CV_IMAGES")
 
+# Damaged packets that are passed over, one after the other.
+_MAX_DAMAGED = 100_000
+
 # Streams without a container carry no timestamps; FFmpeg makes up some for a few of them.
 _BARE_STREAMS = (".h264", ".264", ".h265", ".265", ".hevc", ".m1v", ".m2v", ".mjpeg", ".mjpg", ".obu", ".av1")
-
-
-# OpenCV's log level is one for the whole process: the first to ask for quiet keeps what it was, the last restores it.
-_quiet_lock = threading.Lock()
-_quiet_depth = 0
-_loud_level = 0
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Keep OpenCV from writing to standard error about what we report ourselves."""
-    global _quiet_depth, _loud_level
-    import cv2
-
-    # OpenCV 4 has these two at the top, OpenCV 5 in a module; 0 is silent in both.
-    logging = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging
-    with _quiet_lock:
-        if _quiet_depth == 0:
-            _loud_level = logging.getLogLevel()
-            logging.setLogLevel(0)
-        _quiet_depth += 1
-    try:
-        yield
-    finally:
-        with _quiet_lock:
-            _quiet_depth -= 1
-            if _quiet_depth == 0:
-                logging.setLogLevel(_loud_level)
-
-
-@contextlib.contextmanager
-def _quiet_ffmpeg() -> Iterator[None]:
-    """Keep FFmpeg quiet: OpenCV reads this variable once, when it opens its first video; -8 is AV_LOG_QUIET."""
-    variable = "OPENCV_FFMPEG_LOGLEVEL"
-    unset = variable not in os.environ
-    if unset:
-        os.environ[variable] = "-8"
-    try:
-        with quiet():
-            yield
-    finally:
-        if unset:
-            os.environ.pop(variable, None)
-
-
-def open_capture(source: int | str) -> Any:
-    """Open a cv2.VideoCapture without its messages; the caller checks `isOpened`."""
-    import cv2
-
-    with _quiet_ffmpeg():
-        try:
-            if isinstance(source, str) and "://" not in source and not source.startswith("/dev/"):
-                # A file name must not be taken for a numbered pattern: only FFmpeg and the like may open it.
-                capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG)
-                return capture if capture.isOpened() else cv2.VideoCapture(source)
-            return cv2.VideoCapture(source)
-        except cv2.error:
-            return cv2.VideoCapture()
 
 
 class VideoReader:
@@ -94,7 +39,22 @@ class VideoReader:
         self._limit = limit
         self.live = False
         self.exact = False
-        self.notes: tuple[str, ...] = ()
+        self._sorted: tuple[str, ...] = ()
+        self._deep: tuple[str, ...] = ()
+        local = "://" not in source
+        self._container = read_container(Path(source)) if local else Container()
+        for width, height in self._container.sizes:
+            if (width, height) != (0, 0):
+                check_pixels(
+                    source,
+                    width,
+                    height,
+                    pixel_bytes=3,
+                    file_bytes=Path(source).stat().st_size,
+                    limit=limit,
+                    error=CaptureError,
+                )
+        self._start_s = 0.0
         self._capture = self._open()
         rate = float(self._capture.get(cv2.CAP_PROP_FPS))
         self.frame_rate: float | None = rate if math.isfinite(rate) and rate > 0 else None
@@ -105,12 +65,37 @@ class VideoReader:
         self.size: tuple[int, int] | None = (width, height) if width > 0 and height > 0 else None
         self._read = 0
         self._given = 0
+        self._skipped = 0
+        self._changed_s: float | None = None
         self._longest_s = 0.0
         self._last_s = -math.inf
         self._ended = False
         self._buffer: deque[Any] = deque()
         self._waiting_s: list[float] = []
         self._delay = self._probe(self._capture.getBackendName())
+        if self.count is not None and self.frame_rate is not None and self._container.kind == "Matroska":
+            # Its duration is the last time, from 0 on; it need not begin there.
+            begun = round(self._start_s * self.frame_rate)
+            self.count = self.count - begun if 0 < begun < self.count else self.count
+        first_s = self._first_s if self.timestamps == "file" else []
+        reliable = self._container.kind in ("Matroska", "MP4")
+        self._packets = Packets(source, self.size, first_s=first_s, reliable=reliable) if local else None
+
+    @property
+    def lost(self) -> int:
+        """Pictures that the file has and the decoder could not give, of those read so far."""
+        return 0 if self._packets is None else self._packets.lost
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Peculiarities that were mended."""
+        if not self.lost or self._packets is None:
+            return self._sorted + self._deep
+        of = self._packets.count
+        first = self._packets.first_lost
+        times = "the times of the others are the file's" if self.timestamps == "file" else "they count for the times"
+        lost = f"{self.source}: {self.lost} of {of} frames cannot be decoded, the first is frame {first}; {times}"
+        return (*self._sorted, *self._deep, lost)
 
     def _open(self) -> Any:
         capture = open_capture(self.source)
@@ -133,8 +118,10 @@ class VideoReader:
                     # A picture that the file asks to be turned is turned; the header's size is that before.
                     done, image = self._capture.retrieve()
                     self.size = (image.shape[1], image.shape[0]) if done else self.size
+                    self._look_at_first()
                 times.append(float(self._capture.get(cv2.CAP_PROP_POS_MSEC)))
         self._capture.release()
+        self._first_s = [round(t_ms * 1e-3, 9) for t_ms in times]
         if not times:
             raise CaptureError(f"{self.source}: the video holds no frame that can be decoded")
         self._capture = self._open()
@@ -146,7 +133,7 @@ class VideoReader:
         rank = {position: place for place, position in enumerate(sorted(range(len(times)), key=times.__getitem__))}
         delay = max(position - place for position, place in rank.items())
         if delay > 0:
-            self.notes = (
+            self._sorted = (
                 f"{self.source}: its timestamps go back and forth by up to {delay} frames although its pictures are in "
                 "order: the sorted timestamps are used",
             )
@@ -154,11 +141,25 @@ class VideoReader:
             return delay + 2
         return 0
 
+    def _look_at_first(self) -> None:
+        """Note when the stream begins, in its own time, and how deep its pictures are."""
+        import cv2
+
+        begins = float(self._capture.get(getattr(cv2, "CAP_PROP_PTS", -1)))
+        rate = self.frame_rate
+        if rate is not None and math.isfinite(begins) and 0 < begins < 2**52:
+            self._start_s = max(0.0, begins / rate - float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) * 1e-3)
+        pixels = int(self._capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) & 0xFFFFFFFF
+        # FFmpeg's words for formats of more than 8 bits end in their depth: Y3 11 10, Y1 0 16.
+        depth = pixels >> 24
+        if pixels & 0xFF == ord("Y") and 8 < depth <= 16:
+            self._deep = (f"{self.source}: its pictures have {depth} bits, of which OpenCV gives the upper 8",)
+
     def _grab(self, wanted: bool) -> None:
         """Decode one more frame into the buffer, or note the end."""
         import cv2
 
-        if not self._capture.grab():
+        if not self._capture.grab() and not self._skip_damage():
             self._ended = True
             return
         index = self._read
@@ -169,6 +170,10 @@ class VideoReader:
             t_s = index / self.frame_rate
         else:
             t_s = math.nan
+        # A picture of another size than the first must not even be fetched: OpenCV reads it as if it had the old one.
+        if self._packets is not None and self._packets.changed_by(index + self._skipped, t_s):
+            self._ended, self._changed_s = True, t_s
+            return
         image = None
         # With reordered timestamps frames are read before it is known whether they are wanted.
         if wanted or self._delay:
@@ -178,11 +183,25 @@ class VideoReader:
         self._buffer.append(image)
         heapq.heappush(self._waiting_s, t_s)
 
+    def _skip_damage(self) -> bool:
+        """Go on behind packets that cannot be decoded; False where none is left."""
+        if self._packets is None:
+            return False
+        for _ in range(min(self._packets.remaining(self._read), _MAX_DAMAGED)):
+            self._skipped += 1
+            if self._capture.grab():
+                return True
+        return False
+
     def read(self, wanted: bool) -> Raw | None:
         """Give the next frame with its timestamp."""
         while not self._ended and len(self._buffer) <= self._delay:
             self._grab(wanted)
         if not self._buffer:
+            if self._changed_s is not None:
+                raise self._size_changed(self._changed_s)
+            if self._packets is not None:
+                self._packets.finish(self._given)
             self._check_complete()
             return None
         image = self._buffer.popleft()
@@ -190,21 +209,40 @@ class VideoReader:
         if self._given:
             self._longest_s = max(self._longest_s, t_s - self._last_s)
         self._last_s = t_s
-        raw = Raw(image, t_s, self._given)
+        index = self._given if self._packets is None else self._packets.place(t_s)
+        if self.timestamps == "rate" and self.frame_rate:
+            t_s = index / self.frame_rate
         self._given += 1
-        return raw
+        return Raw(image, t_s, index)
+
+    def _size_changed(self, t_s: float) -> ShapeError:
+        """Make the error for a stream that changes the size of its pictures: OpenCV gives the old size for ever."""
+        packets, change = self._packets, None if self._packets is None else self._packets.change
+        if packets is None or change is None:
+            return ShapeError(f"{self.source}: the size changes within the stream")
+        index = packets.place(t_s)
+        return ShapeError(
+            f"{self.source}: frame {index}{f' at {t_s:.3f} s' if t_s == t_s else ''}: got {change.after[0]} x "
+            f"{change.after[1]} pixels, expected {change.before[0]} x {change.before[1]} as before: the size "
+            "changes within the stream; the frames before are whole"
+        )
 
     def _check_complete(self) -> None:
         """Raise where the container promised more than it gave.
 
-        Its count is exact in some formats and duration times rate in others, where dropped frames count too: the file
-        is complete if either the frames or the time are there, within the longest pause between two frames.
+        A file that is as long as its header says is complete, whatever it says of frames: those of a damaged part are
+        lost, and sound may go on longer. Elsewhere the count is exact in some formats and duration times rate in
+        others, where dropped frames count too: the file is complete if either the frames or the time are there, within
+        the longest pause between two frames. The duration may be counted from 0 or from the first frame.
         """
-        if self.count is None or self.frame_rate is None or self._given >= self.count - 2:
+        if self.count is None or self.frame_rate is None or self._container.cut is False:
+            return
+        if self._given + self.lost >= self.count - 2:
             return
         duration_s = self.count / self.frame_rate
         slack_s = max(3.0 / self.frame_rate, 2.0 * self._longest_s)
-        if math.isnan(self._last_s) or self._last_s + slack_s >= duration_s:
+        there = math.isnan(self._last_s) or self._last_s + slack_s >= duration_s
+        if there or (self._container.cut is None and self._last_s + self._start_s + slack_s >= duration_s):
             return
         raise CaptureError(
             f"{self.source}: the video is truncated: it ends after frame {self._given - 1} at {self._last_s:.3f} s, "
@@ -217,3 +255,5 @@ class VideoReader:
         self._buffer.clear()
         self._waiting_s.clear()
         self._capture.release()
+        if self._packets is not None:
+            self._packets.close()

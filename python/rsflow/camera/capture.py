@@ -84,8 +84,11 @@ class Frames(Iterator[Frame]):
         since the file has no timestamps; the monotonic clock at the moment a live frame came; nothing (NaN).
     live : bool
         True for a camera or stream, which has no end.
+    lost : int
+        Pictures of a video file that the decoder could not give, since they are damaged, of those read so far. They
+        keep their place: `Frame.index` has a gap, and the times of the others are right.
     notes : tuple of str
-        Peculiarities of the source that were mended, one sentence each.
+        Peculiarities of the source that were mended, and pictures that are lost, one sentence each.
 
     Examples
     --------
@@ -152,8 +155,13 @@ class Frames(Iterator[Frame]):
         return max(0, -((self._start - end) // self._stride))
 
     @property
+    def lost(self) -> int:
+        """Pictures that the source has and the decoder could not give, of those read so far."""
+        return self._reader.lost
+
+    @property
     def notes(self) -> tuple[str, ...]:
-        """Peculiarities of the source that were mended."""
+        """Peculiarities of the source that were mended, and pictures that are lost."""
         return self._reader.notes + self._doubt
 
     def __iter__(self) -> Self:
@@ -212,8 +220,9 @@ class Frames(Iterator[Frame]):
             raise DTypeError(f"pictures of different types: {first} is {dtype}, {name} is {image.dtype}")
 
     def _check_times(self) -> None:
-        if self._times is not None and len(self._times) > self._position:
-            raise OptionError(f"times: got {len(self._times)} times for the {self._position} frames of {self.source}")
+        total = self._position + self.lost
+        if self._times is not None and len(self._times) > total:
+            raise OptionError(f"times: got {len(self._times)} times for the {total} frames of {self.source}")
 
     def _time(self, raw: Raw) -> float:
         if self._times is not None:
@@ -265,7 +274,8 @@ def frames(
     ----------
     source : int, str, path, array, or iterable
         A camera's index (0, or "0"); a video file; a folder of pictures; a glob ("left*.jpg") or numbered pattern
-        ("img%04d.png"); one picture; a URL (rtsp, http, ...); a list of paths, of arrays, or of (array, t_s) pairs;
+        ("img%04d.png"); one picture, or all pages of one file (TIFF, animated PNG, WebP, GIF); a URL (rtsp, http, ...);
+        a list of paths, of arrays, or of (array, t_s) pairs;
         an array (N, H, W) or (N, H, W, 3); any iterable of arrays, pairs or `Frame`. Pictures of a folder or glob
         come in natural order (img2 before img10). Colour arrays are BGR, as OpenCV's.
     grey : bool
@@ -305,7 +315,8 @@ def frames(
         If the source is missing, empty, cannot be decoded, or goes away. A truncated video gives the frames that it
         has; then the error says how many were promised.
     ShapeError, DTypeError
-        If pictures differ in size or type (the message names both), or have a type that is not supported.
+        If pictures differ in size or type (the message names both), also where the size changes within a video, or
+        have a type that is not supported.
     OptionError
         If an option is outside of what it allows.
 
@@ -313,7 +324,12 @@ def frames(
     -----
     Times of a video are the file's own timestamps, also with a variable rate; `Frames.timestamps` says where they
     are from. Where a file's timestamps go backwards although its pictures are in order (a muxer that wrote decoding
-    times), the sorted timestamps are given to the pictures.
+    times), the sorted timestamps are given to the pictures. Times begin with the first picture, whatever the file
+    counts from. Pictures that the decoder cannot give are counted (`Frames.lost`) and keep their place; one that it
+    patches up from a damaged packet cannot be told from a whole one. A video that asks to be turned is turned; the
+    orientation of a picture file is not applied, so that a camera's calibration fits. Videos are decoded to 8 bits,
+    pictures keep their depth; alpha is left out. Pages of an animation have the times of their delays, where a delay
+    of 0 is 0.1 s as in browsers; reduced copies and masks in a TIFF are no pages.
 
     Examples
     --------

@@ -1,0 +1,68 @@
+"""Opening a video or camera with OpenCV, without what it and FFmpeg write to standard error."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+__all__ = ["open_capture", "quiet"]
+
+# OpenCV's log level is one for the whole process: the first to ask for quiet keeps what it was, the last restores it.
+_quiet_lock = threading.Lock()
+_quiet_depth = 0
+_loud_level = 0
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep OpenCV from writing to standard error about what we report ourselves."""
+    global _quiet_depth, _loud_level
+    import cv2
+
+    # OpenCV 4 has these two at the top, OpenCV 5 in a module; 0 is silent in both.
+    logging = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging
+    with _quiet_lock:
+        if _quiet_depth == 0:
+            _loud_level = logging.getLogLevel()
+            logging.setLogLevel(0)
+        _quiet_depth += 1
+    try:
+        yield
+    finally:
+        with _quiet_lock:
+            _quiet_depth -= 1
+            if _quiet_depth == 0:
+                logging.setLogLevel(_loud_level)
+
+
+@contextlib.contextmanager
+def _quiet_ffmpeg() -> Iterator[None]:
+    """Keep FFmpeg quiet: OpenCV reads this variable once, when it opens its first video; -8 is AV_LOG_QUIET."""
+    variable = "OPENCV_FFMPEG_LOGLEVEL"
+    unset = variable not in os.environ
+    if unset:
+        os.environ[variable] = "-8"
+    try:
+        with quiet():
+            yield
+    finally:
+        if unset:
+            os.environ.pop(variable, None)
+
+
+def open_capture(source: int | str) -> Any:
+    """Open a cv2.VideoCapture without its messages; the caller checks `isOpened`."""
+    import cv2
+
+    with _quiet_ffmpeg():
+        try:
+            if isinstance(source, str) and "://" not in source and not source.startswith("/dev/"):
+                # A file name must not be taken for a numbered pattern: only FFmpeg and the like may open it.
+                capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG)
+                return capture if capture.isOpened() else cv2.VideoCapture(source)
+            return cv2.VideoCapture(source)
+        except cv2.error:
+            return cv2.VideoCapture()
