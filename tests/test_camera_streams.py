@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from fractions import Fraction
 from pathlib import Path
 
@@ -263,7 +265,6 @@ def test_a_video_of_more_than_8_bits_says_so(tmp_path):
 def test_a_masked_array_is_refused_by_all_that_take_frames():
     plain = np.random.default_rng(0).integers(0, 255, (48, 64), np.uint8)
     masked = np.ma.masked_greater(plain, 100)
-    flow = np.ma.masked_greater(np.zeros((48, 64, 2), np.float32), 1)
     calls = {
         "frames": lambda: list(rsflow.frames([masked])),
         "pairs": lambda: list(rsflow.frames([(masked, 0.0)])),
@@ -276,8 +277,6 @@ def test_a_masked_array_is_refused_by_all_that_take_frames():
         "PointTracker": lambda: rsflow.PointTracker().update(masked),
         "calibrate": lambda: rsflow.calibrate([masked] * 4, board=(8, 6), square_size_m=0.02),
         "extract": lambda: rsflow.extract([masked, masked], "never"),
-        "flow_to_color": lambda: rsflow.flow_to_color(flow),
-        "write_flow": lambda: rsflow.write_flow("never.flo", flow),
         "mask": lambda: rsflow.estimate_shift(plain, plain, mask=np.ma.masked_greater(plain > 3, 0)),
         "times": lambda: rsflow.frames([plain] * 2, times=np.ma.masked_greater([0.0, 1.0], 0.5)),
         "VelocityEstimator": lambda: rsflow.VelocityEstimator(
@@ -291,3 +290,22 @@ def test_a_masked_array_is_refused_by_all_that_take_frames():
             assert "mask" in str(error), (name, str(error))  # noqa: PT017
         else:
             pytest.fail(f"{name} took a masked array")
+
+
+def test_what_is_masked_in_a_flow_is_unknown(tmp_path):
+    flow = np.ma.masked_equal(np.ones((4, 6, 2), np.float32), 2.0)
+    flow[1, 2, 0] = np.ma.masked
+    rsflow.write_flow(tmp_path / "a.flo", flow)
+    again = rsflow.read_flow(tmp_path / "a.flo")
+    assert np.argwhere(np.isnan(again).all(axis=2)).tolist() == [[1, 2]]
+    assert not rsflow.flow_to_color(flow)[1, 2].any()
+
+
+def test_commands_say_what_is_lost(tmp_path):
+    packets = encode("mjpeg", 12)
+    packets[5] = packets[5][:4] + bytes(len(packets[5]) - 4)
+    path = mux(tmp_path / "bad.avi", "mjpeg", packets)
+    for command in ("track", "segment"):
+        words = [sys.executable, "-m", "rsflow", command, str(path), "-o", str(tmp_path / command)]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        assert f"rsflow {command}: {path}: 1 of 12 frames cannot be decoded, the first is frame 5" in done.stderr

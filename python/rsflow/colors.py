@@ -34,9 +34,13 @@ _WHEEL_STEPS = (15, 6, 4, 11, 13, 6)
 
 def vectors_of(field: Field) -> NDArray[np.float32]:
     """Motion of pixels (height, width, 2) or of points (n, 2), NaN where unknown."""
-    array = np.asarray(getattr(field, "uv", field))
+    given = getattr(field, "uv", field)
+    array = np.asarray(given)
     if array.ndim == 2 and array.shape[1] == 2 and array.dtype.kind in "fiu":
-        return np.array(array, np.float32)
+        vectors = np.array(array, np.float32)
+        if isinstance(given, np.ma.MaskedArray):
+            vectors[np.ma.getmaskarray(given).any(axis=1)] = np.nan
+        return vectors
     return known_flow(field)
 
 

@@ -151,8 +151,8 @@ def write_flow(
         ``.flo``, ``.png`` (KITTI: steps of 1/64 px, from -512 to 511.98), ``.npy``, ``.npz`` or ``.pfm``. Folders that
         are missing are made.
     field : FlowField or array_like, (height, width, 2)
-        Displacement in pixels, x then y. Where it is not finite, or the field says not valid, it is unknown: 1e10 in
-        ``.flo``, all zero in a ``.png``, NaN elsewhere.
+        Displacement in pixels, x then y. Where it is not finite or masked, or the field says not valid, it is unknown:
+        1e10 in ``.flo``, all zero in a ``.png``, NaN elsewhere.
     t0_s, t1_s : float, optional
         Times of the two pictures in seconds, kept by ``.npz`` alone as ``t0`` and ``t1``.
 
@@ -202,7 +202,8 @@ def known_flow(field: FlowLike | ArrayLike) -> NDArray[np.float32]:
         raise DTypeError("a flow must be an array or a FlowField, got None, as DenseFlow gives for its first frame")
     valid = getattr(field, "valid", None)
     try:
-        array = np.asarray(getattr(field, "uv", field))
+        given = getattr(field, "uv", field)
+        array = np.asarray(given)
     except ValueError:
         raise ShapeError("a flow must be (height, width, 2), got rows of different lengths") from None
     if array.dtype.kind not in "fiu":
@@ -212,6 +213,8 @@ def known_flow(field: FlowLike | ArrayLike) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):
         uv = np.array(array, np.float32)
     unknown = ~(np.abs(uv) <= UNKNOWN_FROM).all(axis=2)
+    if isinstance(given, np.ma.MaskedArray):
+        unknown |= np.ma.getmaskarray(given).any(axis=2)
     if valid is not None:
         where = np.asarray(valid, bool)
         if where.shape != unknown.shape:

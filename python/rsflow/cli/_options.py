@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -10,6 +11,7 @@ if TYPE_CHECKING:
     from argparse import _ActionsContainer as Arguments
 
     from rsflow._results import Identity
+    from rsflow.camera.capture import Frames
 
 __all__ = [
     "add_illumination",
@@ -21,10 +23,17 @@ __all__ = [
     "add_roi",
     "identity_of",
     "source_of",
+    "tell_notes",
 ]
 
 # Options that do not change what a result is.
 _ELSEWHERE = ("source", "output", "json", "quiet", "overwrite", "resume", "picture", "pictures", "more")
+
+
+def tell_notes(command: str, source: Frames) -> None:
+    """Say on standard error what is peculiar about a source, lost frames say, after it was read."""
+    for note in source.notes:
+        print(f"rsflow {command}: {note}", file=sys.stderr)
 
 
 def source_of(text: str) -> int | str:

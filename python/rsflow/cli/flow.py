@@ -19,6 +19,7 @@ from rsflow.cli._options import (
     add_range,
     add_rate,
     identity_of,
+    tell_notes,
 )
 from rsflow.errors import OptionError
 
@@ -176,6 +177,7 @@ def _sequence(args: argparse.Namespace) -> int:
                 frame_rate=args.rate,
             )
         )
+        stack.callback(tell_notes, "flow", source)
         expect_range(source)
         _refuse_inputs(args, suffix)
         result = None

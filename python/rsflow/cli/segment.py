@@ -8,7 +8,15 @@ import json
 import math
 from pathlib import Path
 
-from rsflow.cli._options import add_max_displacement, add_overwrite, add_preset, add_range, add_rate, identity_of
+from rsflow.cli._options import (
+    add_max_displacement,
+    add_overwrite,
+    add_preset,
+    add_range,
+    add_rate,
+    identity_of,
+    tell_notes,
+)
 
 DESCRIPTION = """\
 Tell what moves from what stands still in a SOURCE (a video, a folder or glob of pictures, a camera's index, a URL).
@@ -71,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
                 frame_rate=args.rate,
             )
         )
+        stack.callback(tell_notes, "segment", source)
         expect_range(source)
         names = ("moving.mp4", "static.mp4", "objects.csv", "masks/[0-9][0-9][0-9][0-9][0-9][0-9]*.png")
         files = [out / name for name in names[:3]]

@@ -18,6 +18,7 @@ from rsflow.cli._options import (
     add_rate,
     identity_of,
     source_of,
+    tell_notes,
 )
 
 if TYPE_CHECKING:
@@ -92,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
     count, cuts, interrupted = 0, 0, False
     with ExitStack() as stack:
         source = stack.enter_context(rsflow.frames(given, **options))
+        stack.callback(tell_notes, "track", source)
         expect_range(source)
         Inputs(given).refuse(files)
         names = ("tracks.mp4", "tracks.csv", "tracks.parquet")

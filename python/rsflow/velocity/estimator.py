@@ -137,6 +137,7 @@ class VelocityEstimator:
         ShapeError, DTypeError
             If the image does not have the camera's size, is not grey or of another type.
         """
+        _checks.unmasked("image", image)
         self._check_image(image)
         t_s = _checks.number("t_s", t_s, of="seconds", or_nan=True)
         if not np.isfinite(t_s):
