@@ -141,6 +141,6 @@ def test_update_of_what_is_no_text(tmp_path: Path, capsys: pytest.CaptureFixture
     page = tmp_path / "page.md"
     page.write_bytes(b"\xff\xfe")
     assert cli.main(["bench", "--update", str(page)]) == 1
-    assert "not text in UTF-8" in capsys.readouterr().err
+    assert "not a text file in UTF-8" in capsys.readouterr().err
     assert cli.main(["bench", "--update", str(tmp_path / "none.md")]) == 1
     assert "none.md" in capsys.readouterr().err

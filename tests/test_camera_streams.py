@@ -144,8 +144,11 @@ def test_no_picture_is_called_lost_that_is_not(tmp_path, name):
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
     with rsflow.frames(path) as source:
-        assert [frame.index for frame in source] == list(range(50))
+        got = list(source)
+        assert [frame.index for frame in got] == list(range(50))
         assert source.lost == 0
+        rate = 25 if suffix == "h264" else 30
+        assert suffix == "mpg" or np.allclose([frame.t_s for frame in got], np.arange(50) / rate, atol=2e-3)
         # The times of MPEG programme streams are not in order, which is told.
         assert source.notes == () or suffix == "mpg"
 
@@ -155,7 +158,7 @@ def test_no_picture_is_called_lost_that_is_not(tmp_path, name):
 )
 def test_pictures_that_cannot_be_decoded_keep_their_place(tmp_path, codec, suffix):
     packets = encode(codec, 40)
-    lost = [11, 12, 25, 39] if codec == "mjpeg" else [25]
+    lost = [0, 11, 12, 25, 39] if codec == "mjpeg" else [25]
     for number in lost:
         packets[number] = packets[number][:4] + bytes(len(packets[number]) - 4)
     path = mux(tmp_path / f"bad.{suffix}", codec, packets)
@@ -309,3 +312,14 @@ def test_commands_say_what_is_lost(tmp_path):
         words = [sys.executable, "-m", "rsflow", command, str(path), "-o", str(tmp_path / command)]
         done = subprocess.run(words, capture_output=True, text=True, check=False)
         assert f"rsflow {command}: {path}: 1 of 12 frames cannot be decoded, the first is frame 5" in done.stderr
+
+
+@pytest.mark.parametrize("place", [0, 5])
+def test_a_damaged_packet_that_lies_of_its_size_is_no_change(tmp_path, place):
+    packets = encode("mjpeg", 12)
+    at = packets[place].index(b"\xff\xc0")
+    packets[place] = packets[place][: at + 5] + b"\x3e\x80\x3e\x80" + packets[place][at + 9 :]
+    path = mux(tmp_path / "bad.avi", "mjpeg", packets)
+    with rsflow.frames(path) as source:
+        assert [frame.index for frame in source] == [k for k in range(12) if k != place]
+        assert source.lost == 1

@@ -1,8 +1,8 @@
 """What a file may cost: only regular files are opened, and sizes are held to limits before anything is allocated.
 
 A picture or a flow has at most `max_pixels` pixels, a picture four bytes and a flow eight for each of these; what
-unpacks to more than `max_pixels` bytes must not be packed more than 200 to 1. The limit is 2**28 (16384 x 16384), or
-what an argument or the environment variable ``RSFLOW_MAX_PIXELS`` says.
+unpacks to more bytes than a quarter of `max_pixels` must not be packed more than 200 to 1. The limit is 2**28 (16384 x
+16384), or what an argument or the environment variable ``RSFLOW_MAX_PIXELS`` says.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ TEXT_BYTES = 64 * 1024 * 1024
 # Bytes that may be decoded for each pixel of the limit: colour of 8 bits with alpha, or float32 grey.
 PICTURE_BYTES = 4
 
-# Pictures and flows that are worth measuring pack far worse than this; beyond `max_pixels` bytes it is a bomb.
+# Pictures and flows that are worth measuring pack far worse than this; beyond 64 MiB, by default, it is a bomb.
 _MAX_RATIO = 200
+_PACKED_SHARE = 4
 
 _RAISE = f"raise the limit with max_pixels= or the environment variable {_VARIABLE}"
 
@@ -91,10 +92,10 @@ def check_pixels(
             f"{where}: {width} x {height} pixels of {pixel_bytes} bytes take {size} bytes, expected at most "
             f"{allowed * limit}: {_RAISE}"
         )
-    if size > limit and size > _MAX_RATIO * file_bytes:
+    if size > limit // _PACKED_SHARE and size > _MAX_RATIO * file_bytes:
         raise error(
             f"{where}: {file_bytes} bytes claim to hold {width} x {height} pixels, {size} bytes, expected at most "
-            f"{_MAX_RATIO} times as much beyond {limit} bytes: {_RAISE}"
+            f"{_MAX_RATIO} times as much beyond {limit // _PACKED_SHARE} bytes: {_RAISE}"
         )
 
 

@@ -7,6 +7,7 @@ changes. The packets tell both: each has its time, and those that a picture can 
 from __future__ import annotations
 
 import heapq
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,10 +59,14 @@ class Packets:
         self.lost = 0
         self.first_lost: int | None = None
         self._size: tuple[int, int] | None = None
+        # Number, time and size of each packet that says another size than that of the pictures.
+        self._sizes: deque[tuple[int, float, tuple[int, int]]] = deque()
         self._opening_size = size
-        self.timed = bool(first_s)
+        self.timed = self._kept = bool(first_s)
+        self._listed = False
         self._waiting_s: list[float] = []
         self._index = 0
+        self._keys = 0
         self._capture: Any = open_capture(source)
         self._raw = bool(
             self._capture.isOpened()
@@ -76,7 +81,14 @@ class Packets:
             while self.count < len(first_s) + _AHEAD and self._next():
                 pass
             pairs = zip(sorted(first_s), sorted(self._waiting_s), strict=False)
-            self.timed = len(self._waiting_s) >= len(first_s) and all(abs(a - b) <= _SAME_S for a, b in pairs)
+            same = len(self._waiting_s) >= len(first_s) and all(abs(a - b) <= _SAME_S for a, b in pairs)
+            # Where each picture stands for itself, none is delayed.
+            self.timed = same or (self._stands_alone and _are_among(first_s, self._waiting_s))
+            # Decoders that look ahead give their last pictures the time 0: those of the packets are better, in order.
+            self._listed = (
+                not self.timed and self._waiting_s == sorted(set(self._waiting_s)) and self._waiting_s[:1] >= [-_SAME_S]
+            )
+            self._kept = self.timed or self._listed
 
     def _next(self) -> bool:
         """Read one packet; False at the end."""
@@ -90,7 +102,8 @@ class Packets:
                 return False
             t_s = round(float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) * 1e-3, 9)
             data = None
-            if self._peeks or (self.change is None and self._capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME)):
+            key = bool(self._capture.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME))
+            if self._peeks or (self.change is None and key):
                 ok, data = self._capture.retrieve()
                 data = data if ok else None
         size = None
@@ -99,43 +112,48 @@ class Packets:
             size = picture_size(self._codec, packet)
             if hidden(self._codec, packet):
                 return True
-        if size is not None:
-            self._compare(size, t_s)
+        if size is not None and size != self._size:
+            self._sizes.append((self.count, t_s, size))
         # Packets before the zero of time are left out by the file's own edit list.
         if not self.timed or t_s > -_SAME_S:
             self.count += 1
-            if self.timed:
+            self._keys += key
+            if self._kept:
                 heapq.heappush(self._waiting_s, t_s)
         return True
-
-    def _compare(self, size: tuple[int, int], t_s: float) -> None:
-        if self._size is None:
-            # The first says it as the stream counts, before cropping and turning. Where it came later, the header
-            # of the file had it.
-            if (
-                self.count
-                and self._opening_size is not None
-                and size
-                not in (
-                    self._opening_size,
-                    self._opening_size[::-1],
-                )
-            ):
-                self.change = SizeChange(self.count, t_s, self._opening_size, size)
-            self._size = size
-        elif size != self._size:
-            self.change = SizeChange(self.count, t_s, self._size, size)
 
     def changed_by(self, index: int, t_s: float) -> bool:
         """Say whether the size has changed at a picture: the one after `index` others, with this time."""
         while self.change is None and self.count < index + self.lost + _AHEAD and self._next():
             pass
-        if self.change is None:
-            return False
-        return self.change.t_s <= t_s + _SAME_S if self.timed else self.change.index <= index
+        while self.change is None and self._sizes:
+            number, at_s, size = self._sizes[0]
+            if (at_s > t_s + _SAME_S) if self.timed else (number > index):
+                break
+            self._sizes.popleft()
+            if self.timed and self._stands_alone and at_s < t_s - _SAME_S:
+                # Its own picture could not be decoded, and no other is made from it: what it says is damaged too.
+                continue
+            if self._size is None:
+                # Sizes are compared as the stream counts them, before cropping and turning. Where the first comes
+                # late, those before had the size in the header of the file.
+                opening = self._opening_size
+                late = number > 0 and not self._stands_alone and opening is not None
+                self._size = opening if late and size[::-1] != opening else size
+            if self._size is not None and size != self._size:
+                self.change = SizeChange(number, at_s, self._size, size)
+        return self.change is not None
 
-    def place(self, t_s: float) -> int:
-        """Give the number of the picture with this time: of its packet, so that lost ones count."""
+    @property
+    def _stands_alone(self) -> bool:
+        """Whether each packet is a picture by itself, as in Motion JPEG."""
+        return self._keys == self.count
+
+    def place(self, t_s: float) -> tuple[int, float]:
+        """Give number and time of the next picture, to which the decoder gives the time `t_s`.
+
+        The number is that of its packet, so that lost ones count.
+        """
         while self.count < self._index + _AHEAD and self._next():
             pass
         early = 0
@@ -145,8 +163,10 @@ class Packets:
         if self.timed and self._waiting_s and self._waiting_s[0] <= t_s + _SAME_S:
             heapq.heappop(self._waiting_s)
         self._miss(early)
+        if self._listed and self._waiting_s:
+            t_s = heapq.heappop(self._waiting_s)
         self._index += 1
-        return self._index - 1
+        return self._index - 1, t_s
 
     def _miss(self, count: int) -> None:
         if count > 0:
@@ -174,3 +194,8 @@ class Packets:
         """Release the file."""
         self._ended = True
         self._capture.release()
+
+
+def _are_among(times_s: list[float], all_s: list[float]) -> bool:
+    rounded = {round(t_s, 6) for t_s in all_s}
+    return all(round(t_s, 6) in rounded for t_s in times_s)

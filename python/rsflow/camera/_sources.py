@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .._checks import number
 from .._limits import kind_of
-from .._picture_headers import HeaderError, picture_header
+from .._picture_headers import picture_kind
 from ..errors import CaptureError, DTypeError, OptionError
 from ._pages import PagesReader, PictureFile, read_picture
 from ._reader import Raw, Reader, Timestamps
@@ -145,12 +145,9 @@ def _is_picture(path: Path) -> bool:
         return False
     try:
         with path.open("rb") as file:
-            header = picture_header(file.read(4096))
-    except HeaderError:
-        return True
+            return picture_kind(file.read(64)) not in ("", "gif", "jpeg")
     except OSError:
         return False
-    return header is not None and header.kind not in ("GIF", "JPEG")
 
 
 def _pictures(paths: list[Path], source: str, limit: int) -> Reader:

@@ -19,6 +19,9 @@ from ._video_open import open_capture, quiet
 # and HEVC spans at most 16 frames.
 _PROBE_FRAMES = 24
 
+# Damaged packets among them; behind the end, each attempt fails at once.
+_PROBE_FAILURES = 48
+
 # Backends of OpenCV that count frames and divide by the nominal rate instead of reading timestamps.
 _COUNTING_BACKENDS = ("CV_MJPEG", "CV_IMAGES")
 
@@ -113,7 +116,11 @@ class VideoReader:
 
         times: list[float] = []
         with quiet():
-            while len(times) < _PROBE_FRAMES and self._capture.grab():
+            failures = 0
+            while len(times) < _PROBE_FRAMES and failures < _PROBE_FAILURES:
+                if not self._capture.grab():
+                    failures += 1
+                    continue
                 if not times:
                     # A picture that the file asks to be turned is turned; the header's size is that before.
                     done, image = self._capture.retrieve()
@@ -209,7 +216,7 @@ class VideoReader:
         if self._given:
             self._longest_s = max(self._longest_s, t_s - self._last_s)
         self._last_s = t_s
-        index = self._given if self._packets is None else self._packets.place(t_s)
+        index, t_s = (self._given, t_s) if self._packets is None else self._packets.place(t_s)
         if self.timestamps == "rate" and self.frame_rate:
             t_s = index / self.frame_rate
         self._given += 1
@@ -220,7 +227,7 @@ class VideoReader:
         packets, change = self._packets, None if self._packets is None else self._packets.change
         if packets is None or change is None:
             return ShapeError(f"{self.source}: the size changes within the stream")
-        index = packets.place(t_s)
+        index, t_s = packets.place(t_s)
         return ShapeError(
             f"{self.source}: frame {index}{f' at {t_s:.3f} s' if t_s == t_s else ''}: got {change.after[0]} x "
             f"{change.after[1]} pixels, expected {change.before[0]} x {change.before[1]} as before: the size "

@@ -7,7 +7,6 @@ import json
 import math
 import sys
 from dataclasses import asdict
-from pathlib import Path
 
 DESCRIPTION = """\
 Measure accuracy and time of rsflow beside OpenCV, on made scenes whose motion is known exactly.
@@ -66,9 +65,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read(path: str) -> str:
-    from rsflow.errors import FormatError
+    from rsflow._limits import read_text
 
-    try:
-        return Path(path).read_bytes().decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise FormatError(f"{path}: not text in UTF-8 ({error.reason} at byte {error.start})") from error
+    return read_text(path)
