@@ -7,8 +7,10 @@ __all__ = [
     "CaptureError",
     "DTypeError",
     "FormatError",
+    "InternalError",
     "MissingExtraError",
     "OptionError",
+    "OutOfMemoryError",
     "RsflowError",
     "ShapeError",
 ]
@@ -113,6 +115,32 @@ class CaptureError(RsflowError, OSError):
     ... except rsflow.CaptureError as error:
     ...     print(error)
     missing.mp4: no such file or folder
+    """
+
+
+class OutOfMemoryError(RsflowError, MemoryError):
+    """The system has no memory for a result, or for what a call needs to find it.
+
+    The objects in the call are as they were before it, or new, and work on smaller frames.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> print(rsflow.OutOfMemoryError("out of memory: grey levels take 256000000 bytes"))
+    out of memory: grey levels take 256000000 bytes
+    >>> issubclass(rsflow.OutOfMemoryError, MemoryError)
+    True
+    """
+
+
+class InternalError(RsflowError):
+    """Something went wrong inside of rsflow that no call should be able to bring about: please report it.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> issubclass(rsflow.InternalError, rsflow.RsflowError)
+    True
     """
 
 

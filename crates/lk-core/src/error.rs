@@ -26,6 +26,15 @@ pub enum Error {
         /// What would have been accepted.
         expected: String,
     },
+    /// The system has no memory for something whose size follows from a frame or an argument. Whatever was called can be
+    /// called again, with less.
+    #[error("out of memory: {what} take {bytes} bytes")]
+    Memory {
+        /// What was to be held there.
+        what: &'static str,
+        /// How much was asked for.
+        bytes: usize,
+    },
     /// The caller's cancel flag was raised while the call ran.
     #[error("cancelled by the caller")]
     Cancelled,
@@ -40,6 +49,11 @@ pub enum Error {
 }
 
 impl Error {
+    /// Whether memory that is kept from call to call had better be given back.
+    pub(crate) fn is_memory(&self) -> bool {
+        matches!(self, Self::Memory { .. })
+    }
+
     /// A [`Error::Shape`] from anything that can be written.
     pub fn shape(what: &'static str, got: impl Into<String>, expected: impl Into<String>) -> Self {
         Self::Shape {

@@ -22,7 +22,7 @@ pub struct Execution {
 }
 
 impl Execution {
-    /// Threads to use; 0, the default, follows [`crate::set_num_threads`].
+    /// Threads to use, at most [`crate::MAX_THREADS`]; 0, the default, follows [`crate::set_num_threads`].
     #[must_use]
     pub fn threads(mut self, threads: usize) -> Self {
         self.threads = threads;
@@ -64,8 +64,16 @@ impl Execution {
         self.cancel.is_some()
     }
 
-    /// [`Error::Cancelled`] once the cancel flag is true.
-    pub(crate) fn check(&self) -> Result<()> {
+    /// Whether a call may go on.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Cancelled`] once the cancel flag is true, [`Error::Option`] where the environment asks for instructions
+    /// that are none.
+    pub fn check(&self) -> Result<()> {
+        if self.level.is_none() {
+            Level::of_environment()?;
+        }
         match &self.cancel {
             Some(flag) if flag.load(Ordering::Relaxed) => Err(Error::Cancelled),
             _ => Ok(()),

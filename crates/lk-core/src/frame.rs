@@ -4,6 +4,7 @@ use ndarray::ArrayView2;
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
+use crate::memory::{resize, zeros};
 use crate::parallel::{RowsMut, even_bands, for_each_band};
 
 mod sealed {
@@ -68,13 +69,25 @@ impl Clone for Plane {
 
 impl Plane {
     /// A plane of zeros.
-    #[must_use]
-    pub fn new(width: usize, height: usize) -> Self {
-        Self {
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] for more than 2^31 - 1 pixels, [`Error::Memory`].
+    ///
+    /// ```
+    /// use lk_core::{Error, Plane};
+    ///
+    /// assert_eq!(Plane::new(3, 2)?.data(), [0.0; 6]);
+    /// assert!(matches!(Plane::new(usize::MAX, 2), Err(Error::Shape { .. })));
+    /// # Ok::<(), Error>(())
+    /// ```
+    pub fn new(width: usize, height: usize) -> Result<Self> {
+        let pixels = pixels_of("a plane", (height, width))?;
+        Ok(Self {
             width,
             height,
-            data: vec![0.0; width * height],
-        }
+            data: zeros(GREYS, pixels)?,
+        })
     }
 
     /// Columns.
@@ -122,10 +135,26 @@ impl Plane {
     }
 
     /// Take a new size and keep the memory; the content is unspecified afterwards.
-    pub fn resize(&mut self, width: usize, height: usize) {
-        self.width = width;
-        self.height = height;
-        self.data.resize(width * height, 0.0);
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Plane::new`]; the plane is then as it was.
+    pub fn resize(&mut self, width: usize, height: usize) -> Result<()> {
+        let pixels = pixels_of("a plane", (height, width))?;
+        if self.data.capacity() == 0 {
+            self.data = zeros(GREYS, pixels)?;
+        } else {
+            resize(GREYS, &mut self.data, pixels, 0.0)?;
+        }
+        (self.width, self.height) = (width, height);
+        Ok(())
+    }
+
+    /// Take size and content of `source`, and keep the memory.
+    pub(crate) fn copy_of(&mut self, source: &Self) -> Result<()> {
+        self.resize(source.width, source.height)?;
+        self.data.copy_from_slice(&source.data);
+        Ok(())
     }
 
     /// All rows, to divide between threads.
@@ -137,7 +166,7 @@ impl Plane {
     ///
     /// # Errors
     ///
-    /// Those of the execution: cancelled, no threads.
+    /// Those of [`Plane::new`] and of the execution: cancelled, no threads.
     pub fn copy_from<T: Pixel>(
         &mut self,
         frame: Frame<'_, T>,
@@ -154,7 +183,7 @@ impl Plane {
         execution: &Execution,
     ) -> Result<()> {
         let (height, width) = frame.dim();
-        self.resize(width, height);
+        self.resize(width, height)?;
         if width == 0 || height == 0 {
             return Ok(());
         }
@@ -173,6 +202,29 @@ impl Plane {
             },
         )
     }
+}
+
+/// What planes hold.
+const GREYS: &str = "grey levels";
+
+/// Pixels of one frame that places in it are counted by.
+const MOST_PIXELS: usize = i32::MAX as usize;
+
+/// The pixels of `what`, of these (rows, columns).
+///
+/// # Errors
+///
+/// [`Error::Shape`] for more than [`MOST_PIXELS`], along one side or in all.
+pub(crate) fn pixels_of(what: &'static str, (rows, columns): (usize, usize)) -> Result<usize> {
+    rows.checked_mul(columns)
+        .filter(|pixels| (*pixels).max(rows).max(columns) <= MOST_PIXELS)
+        .ok_or_else(|| {
+            Error::shape(
+                what,
+                format!("({rows}, {columns})"),
+                "at most 2147483647 pixels",
+            )
+        })
 }
 
 /// Hold the (rows, columns) of the argument `what` to those of what it goes with, which `of` names.
@@ -247,7 +299,7 @@ mod tests {
     #[test]
     fn an_empty_frame_is_an_empty_plane() {
         for shape in [(0, 0), (0, 5), (5, 0)] {
-            let mut plane = Plane::new(3, 3);
+            let mut plane = Plane::new(3, 3).unwrap();
             plane
                 .copy_from(Array2::<u8>::zeros(shape).view(), &Execution::default())
                 .unwrap();

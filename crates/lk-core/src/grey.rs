@@ -41,6 +41,16 @@ impl Greys {
         greys
     }
 
+    /// The extremes of the finite grey levels, and whether every pixel is finite.
+    pub(crate) fn parts(&self) -> (Option<[f32; 2]>, bool) {
+        (self.extremes, self.finite)
+    }
+
+    /// From what [`Greys::parts`] gives.
+    pub(crate) fn of_parts(extremes: Option<[f32; 2]>, finite: bool) -> Self {
+        Self { extremes, finite }
+    }
+
     fn scan<T: Pixel>(&mut self, pixels: ArrayView1<'_, T>) {
         let found = pixels.as_slice().and_then(finite_extremes);
         if let Some(found) = found {

@@ -18,6 +18,7 @@ mod execution;
 mod frame;
 mod grey;
 mod illumination;
+mod memory;
 mod parallel;
 mod phase;
 mod pyramid;
@@ -30,19 +31,19 @@ mod track;
 
 pub use corners::{Corner, CornerDetector, CornerOptions, detect_corners};
 pub use dense::{
-    DenseFlow, DenseHints, DenseOptions, FlowField, LevelRecipe, Preset, Recipe, RefineRecipe,
+    DenseFlow, DenseHints, DenseOptions, DenseSnapshot, FlowField, LevelRecipe, Preset, Recipe, RefineRecipe,
     dense_flow,
 };
 pub use error::{Error, Result};
 pub use execution::Execution;
 pub use frame::{Frame, Pixel, Plane};
 pub use illumination::Illumination;
-pub use parallel::{num_threads, set_num_threads};
+pub use parallel::{MAX_THREADS, num_threads, set_num_threads};
 pub use pyramid::Pyramid;
 pub use sample::{Spline, bilinear};
 pub use shift::{Roi, Shift, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::Level;
 pub use track::{
     BouguetOptions, BouguetPoint, PointStatus, PointTracker, StreamPoint, TrackOptions,
-    TrackedPoint, track_bouguet, track_points, track_pyramids,
+    TrackedPoint, TrackerSnapshot, track_bouguet, track_points, track_pyramids,
 };

@@ -25,7 +25,11 @@ const CANCELLABLE_BAND: usize = 16;
 
 static REQUESTED: AtomicUsize = AtomicUsize::new(0);
 
-/// The pools of one process, by thread count.
+/// Most threads of a call: each has memory of its own, and more than there are CPUs gain nothing.
+pub const MAX_THREADS: usize = 1024;
+
+/// The pools of one process, by thread count: that of the last call, and that of calls that do not say otherwise. Others
+/// are let go, and their threads end once the last call that uses them does.
 struct Pools {
     process: u32,
     by_threads: Vec<(usize, Arc<Pool>)>,
@@ -45,8 +49,41 @@ static POOLS: LazyLock<ArcSwap<Pools>> = LazyLock::new(|| {
 });
 
 /// Set the number of threads of all calls that do not say otherwise; 0 means one for each CPU.
-pub fn set_num_threads(threads: usize) {
+///
+/// # Errors
+///
+/// [`Error::Option`] for more than [`MAX_THREADS`].
+pub fn set_num_threads(threads: usize) -> Result<()> {
+    check_threads(threads)?;
     REQUESTED.store(threads, Ordering::Relaxed);
+    let (process, wanted) = (std::process::id(), num_threads());
+    // The pools of a parent cannot be let go: see `pool`.
+    if POOLS.load().process == process {
+        POOLS.rcu(|pools| pools.kept(process, |count| count == wanted));
+    }
+    Ok(())
+}
+
+fn check_threads(threads: usize) -> Result<()> {
+    if threads <= MAX_THREADS {
+        return Ok(());
+    }
+    Err(Error::option(
+        "threads",
+        threads,
+        format!("1 to {MAX_THREADS}, or 0 for one for each CPU"),
+    ))
+}
+
+impl Pools {
+    /// Those whose count is wanted; none of another process.
+    fn kept(&self, process: u32, wanted: impl Fn(usize) -> bool) -> Self {
+        let own = self.by_threads.iter().filter(|_| self.process == process);
+        Self {
+            process,
+            by_threads: own.filter(|(count, _)| wanted(*count)).cloned().collect(),
+        }
+    }
 }
 
 /// The number of threads of all calls that do not say otherwise; how many CPUs there are is asked once.
@@ -55,8 +92,11 @@ pub fn num_threads() -> usize {
     // Asking reads files of the control groups: about 30 us, and every band of rows would pay it.
     static CPUS: OnceLock<usize> = OnceLock::new();
     match REQUESTED.load(Ordering::Relaxed) {
-        0 => *CPUS
-            .get_or_init(|| std::thread::available_parallelism().map_or(1, std::num::NonZero::get)),
+        0 => *CPUS.get_or_init(|| {
+            std::thread::available_parallelism()
+                .map_or(1, std::num::NonZero::get)
+                .min(MAX_THREADS)
+        }),
         threads => threads,
     }
 }
@@ -73,6 +113,7 @@ fn pool(threads: usize) -> Result<Arc<Pool>> {
     {
         return Ok(Arc::clone(pool));
     }
+    check_threads(threads)?;
     let built = ThreadPoolBuilder::new()
         .num_threads(threads)
         .thread_name(|index| format!("lk-core-{index}"))
@@ -85,25 +126,37 @@ fn pool(threads: usize) -> Result<Arc<Pool>> {
         threads: built,
         calls: AtomicUsize::new(0),
     });
+    let usual = num_threads();
     POOLS.rcu(|pools| {
-        let mut by_threads = if pools.process == process {
-            pools.by_threads.clone()
-        } else {
-            Vec::new()
-        };
-        if !by_threads.iter().any(|(count, _)| *count == threads) {
-            by_threads.push((threads, Arc::clone(&built)));
+        let mut pools = pools.kept(process, |count| count == threads || count == usual);
+        if !pools.by_threads.iter().any(|(count, _)| *count == threads) {
+            pools.by_threads.push((threads, Arc::clone(&built)));
         }
-        Pools {
-            process,
-            by_threads,
-        }
+        pools
     });
     if current.process != process {
         // The threads of these pools stayed in the parent; to drop them would wait on locks that nobody holds here.
         std::mem::forget(current);
     }
     Ok(built)
+}
+
+/// What the work on a band comes to.
+pub(crate) trait Outcome {
+    /// As a result.
+    fn result(self) -> Result<()>;
+}
+
+impl Outcome for () {
+    fn result(self) -> Result<()> {
+        Ok(())
+    }
+}
+
+impl Outcome for Result<()> {
+    fn result(self) -> Self {
+        self
+    }
 }
 
 /// Call `work(rows, part)` for bands that together are `0..rows`, each with its own part of `outputs`.
@@ -114,8 +167,8 @@ fn pool(threads: usize) -> Result<Arc<Pool>> {
 /// # Errors
 ///
 /// [`Error::Cancelled`] if the cancel flag was raised before the last band began, [`Error::Threads`] if no pool could
-/// be started.
-pub(crate) fn for_each_band<S, F>(
+/// be started, that of a band that failed.
+pub(crate) fn for_each_band<S, F, R>(
     execution: &Execution,
     rows: usize,
     min_rows: usize,
@@ -124,7 +177,8 @@ pub(crate) fn for_each_band<S, F>(
 ) -> Result<()>
 where
     S: SplitRows,
-    F: Fn(Range<usize>, S) + Sync,
+    F: Fn(Range<usize>, S) -> R + Sync,
+    R: Outcome,
 {
     let threads = execution.num_threads();
     let min_rows = min_rows.max(1);
@@ -166,7 +220,7 @@ pub(crate) fn even_bands(execution: &Execution, rows: usize, [long, short]: [usi
 }
 
 /// The bands in order, on the caller's thread.
-fn one_by_one<S, F>(
+fn one_by_one<S, F, R>(
     execution: &Execution,
     rows: Range<usize>,
     band: usize,
@@ -175,19 +229,19 @@ fn one_by_one<S, F>(
 ) -> Result<()>
 where
     S: SplitRows,
-    F: Fn(Range<usize>, S) + Sync,
+    F: Fn(Range<usize>, S) -> R + Sync,
+    R: Outcome,
 {
     let mut start = rows.start;
     while rows.end - start > band {
         execution.check()?;
         let (part, rest) = outputs.split_at_row(band);
-        work(start..start + band, part);
+        work(start..start + band, part).result()?;
         outputs = rest;
         start += band;
     }
     execution.check()?;
-    work(start..rows.end, outputs);
-    Ok(())
+    work(start..rows.end, outputs).result()
 }
 
 /// Call `work` where [`for_each_band`] with the same setting hands nothing over from outside of its pool, and keep the
@@ -209,7 +263,7 @@ pub(crate) fn within_pool<R: Send>(
     pool.threads.install(|| call.run(threads - 1, work))
 }
 
-fn halve<S, F>(
+fn halve<S, F, R>(
     execution: &Execution,
     rows: Range<usize>,
     band: usize,
@@ -218,12 +272,12 @@ fn halve<S, F>(
 ) -> Result<()>
 where
     S: SplitRows,
-    F: Fn(Range<usize>, S) + Sync,
+    F: Fn(Range<usize>, S) -> R + Sync,
+    R: Outcome,
 {
     execution.check()?;
     if rows.len() <= band {
-        work(rows, outputs);
-        return Ok(());
+        return work(rows, outputs).result();
     }
     let bands = rows.len().div_ceil(band);
     let middle = rows.start + (bands / 2) * band;

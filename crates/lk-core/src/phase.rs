@@ -11,6 +11,7 @@ use rustfft::FftPlanner;
 
 use crate::error::{Error, Result};
 use crate::frame::Plane;
+use crate::memory::{reserve, resize};
 
 /// Plans and buffers, kept from call to call; one set for each thread, so that nothing is locked when a process forks.
 struct Transforms {
@@ -67,7 +68,7 @@ pub(crate) fn phase_correlation(prev: &Plane, next: &Plane) -> Result<Plane> {
             format!("{width} x {height}"),
         ));
     }
-    let mut surface = Plane::new(width, height);
+    let mut surface = Plane::new(width, height)?;
     let rows = |plane: &Plane, y: usize, row: &mut [f32]| {
         row.copy_from_slice(plane.row(y));
         true
@@ -126,6 +127,14 @@ fn failed(error: &dyn std::fmt::Display) -> Error {
     )
 }
 
+/// Whether there is memory for the plans of both lengths: the planners do not ask.
+fn room_for_plans(lengths: [usize; 2]) -> Result<()> {
+    // The factors of a plan and of those that it is made of, and what these need meanwhile.
+    const NUMBERS: usize = 4;
+    let count = lengths.into_iter().sum::<usize>() * NUMBERS;
+    reserve("plans of a transform", &mut Vec::<Complex32>::new(), count)
+}
+
 impl Transforms {
     /// The spectrum, one row for each horizontal frequency.
     fn forward(
@@ -134,15 +143,17 @@ impl Transforms {
         [width, height]: [usize; 2],
         spectrum: &mut Vec<Complex32>,
     ) -> Result<()> {
+        room_for_plans([width, height])?;
         let rows = self.real.plan_fft_forward(width);
         let columns = self.complex.plan_fft_forward(height);
         self.buffers(
             width,
             rows.get_scratch_len(),
             columns.get_inplace_scratch_len(),
-        );
+        )?;
+        let count = (width / 2 + 1) * height;
         spectrum.clear();
-        spectrum.resize((width / 2 + 1) * height, Complex32::default());
+        resize("a spectrum", spectrum, count, Complex32::default())?;
         for y in 0..height {
             if !write(y, &mut self.row) {
                 continue;
@@ -160,13 +171,14 @@ impl Transforms {
 
     fn inverse(&mut self, spectrum: &mut [Complex32], surface: &mut Plane) -> Result<()> {
         let (width, height) = (surface.width(), surface.height());
+        room_for_plans([width, height])?;
         let columns = self.complex.plan_fft_inverse(height);
         let rows = self.real.plan_fft_inverse(width);
         self.buffers(
             width,
             rows.get_scratch_len(),
             columns.get_inplace_scratch_len(),
-        );
+        )?;
         columns.process_with_scratch(spectrum, &mut self.scratch);
         let scale = 1.0 / (width * height) as f32;
         for y in 0..height {
@@ -192,11 +204,11 @@ impl Transforms {
     }
 
     /// Give the buffers the lengths of these transforms.
-    fn buffers(&mut self, width: usize, row_scratch: usize, column_scratch: usize) {
-        self.row.resize(width, 0.0);
-        self.half.resize(width / 2 + 1, Complex32::default());
-        self.scratch
-            .resize(row_scratch.max(column_scratch), Complex32::default());
+    fn buffers(&mut self, width: usize, row_scratch: usize, column_scratch: usize) -> Result<()> {
+        let (none, scratch) = (Complex32::default(), row_scratch.max(column_scratch));
+        resize("a row", &mut self.row, width, 0.0)?;
+        resize("a spectrum", &mut self.half, width / 2 + 1, none)?;
+        resize("a transform", &mut self.scratch, scratch, none)
     }
 }
 
@@ -216,12 +228,12 @@ mod tests {
     #[test]
     fn the_peak_is_the_circular_displacement() {
         for (width, height) in [(16, 12), (15, 9), (32, 20), (1, 8), (8, 1)] {
-            let mut prev = Plane::new(width, height);
+            let mut prev = Plane::new(width, height).unwrap();
             for (i, value) in prev.data_mut().iter_mut().enumerate() {
                 *value = ((i * 7919 + 13) % 101) as f32 - 50.0;
             }
             let (dx, dy) = (3 % width, 5 % height);
-            let mut next = Plane::new(width, height);
+            let mut next = Plane::new(width, height).unwrap();
             for y in 0..height {
                 for x in 0..width {
                     next.row_mut((y + dy) % height)[(x + dx) % width] = prev.row(y)[x];
@@ -237,7 +249,8 @@ mod tests {
 
     #[test]
     fn different_sizes_are_an_error() {
-        let error = phase_correlation(&Plane::new(4, 4), &Plane::new(4, 5)).unwrap_err();
+        let error =
+            phase_correlation(&Plane::new(4, 4).unwrap(), &Plane::new(4, 5).unwrap()).unwrap_err();
         assert_eq!(error.to_string(), "next: got 4 x 5, expected 4 x 4");
     }
 }

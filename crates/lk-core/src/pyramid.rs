@@ -21,7 +21,7 @@ impl Pyramid {
     ///
     /// # Errors
     ///
-    /// [`Error::Option`] if `levels` is 0; those of the execution.
+    /// [`Error::Option`] if `levels` is 0; those of [`Plane::new`] and of the execution.
     pub fn new<T: Pixel>(
         frame: Frame<'_, T>,
         levels: usize,
@@ -58,13 +58,13 @@ impl Pyramid {
             return Err(Error::option("levels", 0, "1 or more"));
         }
         let (height, width) = frame.dim();
-        self.resize([width, height], levels);
+        self.resize([width, height], levels)?;
         self.levels[0].copy_scaled(frame, scale, execution)?;
         self.reduce_again(execution)
     }
 
     /// Make room for a frame of `size` (columns, rows) with at most `levels` levels; what they hold is unspecified.
-    pub(crate) fn resize(&mut self, size: [usize; 2], levels: usize) {
+    pub(crate) fn resize(&mut self, size: [usize; 2], levels: usize) -> Result<()> {
         let [mut width, mut height] = size;
         let mut count = 1;
         while count < levels && height > 1 && width > 1 {
@@ -72,7 +72,7 @@ impl Pyramid {
             count += 1;
         }
         self.levels.resize_with(count, Plane::default);
-        self.levels[0].resize(size[0], size[1]);
+        self.levels[0].resize(size[0], size[1])
     }
 
     /// Make all levels but the finest again, from the finest.
@@ -99,7 +99,7 @@ impl Pyramid {
 /// Write `source`, smoothed and halved, into `target`.
 fn reduce(source: &Plane, target: &mut Plane, execution: &Execution) -> Result<()> {
     let (width, height) = (source.width().div_ceil(2), source.height().div_ceil(2));
-    target.resize(width, height);
+    target.resize(width, height)?;
     if width == 0 || height == 0 {
         return Ok(());
     }
@@ -116,7 +116,7 @@ fn reduce(source: &Plane, target: &mut Plane, execution: &Execution) -> Result<(
                 for (local, y) in rows.enumerate() {
                     reduce_row(level, source, y, smoothed, part.row_mut(local));
                 }
-            });
+            })
         },
     )
 }

@@ -2,6 +2,9 @@
 
 use std::cell::RefCell;
 
+use crate::error::Result;
+use crate::memory::resize;
+
 thread_local! {
     static MEMORY: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) };
 }
@@ -9,11 +12,15 @@ thread_local! {
 /// Call `work` with `size` elements of unspecified content that belong to this thread.
 ///
 /// `work` must not call it again.
-pub(crate) fn with_scratch<R>(size: usize, work: impl FnOnce(&mut [f32]) -> R) -> R {
+///
+/// # Errors
+///
+/// [`Error::Memory`](crate::Error::Memory).
+pub(crate) fn with_scratch<R>(size: usize, work: impl FnOnce(&mut [f32]) -> R) -> Result<R> {
     MEMORY.with_borrow_mut(|memory| {
         if memory.len() < size {
-            memory.resize(size, 0.0);
+            resize("rows", memory, size, 0.0)?;
         }
-        work(&mut memory[..size])
+        Ok(work(&mut memory[..size]))
     })
 }

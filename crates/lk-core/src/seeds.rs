@@ -115,8 +115,8 @@ fn peaks(
         return Ok(Vec::new());
     }
     let surface = phase_correlation(
-        &faded(prev, (left, top), (width, height)),
-        &faded(next, (left, top), (width, height)),
+        &faded(prev, (left, top), (width, height))?,
+        &faded(next, (left, top), (width, height))?,
     )?;
     let mut found: Vec<(f32, usize, usize)> = Vec::new();
     for y in 0..height {
@@ -155,8 +155,12 @@ fn peaks(
 }
 
 /// A crop without its mean, faded to zero at its border by a Hann window.
-fn faded(plane: &Plane, (left, top): (usize, usize), (width, height): (usize, usize)) -> Plane {
-    let mut crop = Plane::new(width, height);
+fn faded(
+    plane: &Plane,
+    (left, top): (usize, usize),
+    (width, height): (usize, usize),
+) -> Result<Plane> {
+    let mut crop = Plane::new(width, height)?;
     let mut sum = 0.0f64;
     for y in 0..height {
         let row = &plane.row(top + y)[left..left + width];
@@ -174,5 +178,5 @@ fn faded(plane: &Plane, (left, top): (usize, usize), (width, height): (usize, us
             *to = (from - mean) * weight * hann(x, width);
         }
     }
-    crop
+    Ok(crop)
 }

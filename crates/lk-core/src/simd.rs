@@ -10,6 +10,8 @@ mod lanes;
 
 use std::sync::OnceLock;
 
+use crate::error::{Error, Result};
+
 pub(crate) use eight::{EIGHT, Eight, EightKernel, Packed, dispatch_eight};
 pub(crate) use lanes::{Floats, LANES, Simd, blocks, blocks_mut};
 
@@ -27,24 +29,46 @@ pub enum Level {
 
 impl Level {
     /// The best level of this CPU, or less where the environment variable `RSFLOW_CPU` says
-    /// `baseline`, `avx2` or `avx512`. Read once.
+    /// `baseline`, `avx2` or `avx512`. Read once; where it says anything else, every call that follows it fails.
     #[must_use]
     pub fn detected() -> Self {
-        static DETECTED: OnceLock<Level> = OnceLock::new();
-        *DETECTED.get_or_init(|| {
-            let best = Self::of_this_cpu();
-            match std::env::var("RSFLOW_CPU").as_deref() {
-                Ok("baseline") => Self::Baseline,
-                Ok("avx2") => best.min(Self::Avx2),
-                _ => best,
-            }
-        })
+        let best = Self::of_this_cpu();
+        Self::of_environment().map_or(best, |level| level.min(best))
     }
+
+    /// What `RSFLOW_CPU` says, the best level of this CPU if it is not set or empty.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Option`] where it says something that is no level.
+    pub fn of_environment() -> Result<Self> {
+        static SAID: OnceLock<Result<Level>> = OnceLock::new();
+        SAID.get_or_init(|| match std::env::var_os("RSFLOW_CPU") {
+            Some(name) if !name.is_empty() => Self::named(&name.to_string_lossy()),
+            _ => Ok(Self::of_this_cpu()),
+        })
+        .clone()
+    }
+
+    /// The level of this name, or the best of this CPU if that is less.
+    fn named(name: &str) -> Result<Self> {
+        Self::ALL
+            .into_iter()
+            .find(|level| level.name() == name)
+            .map(|level| level.min(Self::of_this_cpu()))
+            .ok_or_else(|| {
+                let names = Self::ALL.map(|level| format!("{:?}", level.name()));
+                let expected = format!("one of {}, or nothing", names.join(", "));
+                Error::option("RSFLOW_CPU", format!("{name:?}"), expected)
+            })
+    }
+
+    const ALL: [Self; 3] = [Self::Baseline, Self::Avx2, Self::Avx512];
 
     /// Every level that this CPU can run, the plainest first.
     #[must_use]
     pub fn available() -> Vec<Self> {
-        [Self::Baseline, Self::Avx2, Self::Avx512]
+        Self::ALL
             .into_iter()
             .filter(|level| *level <= Self::of_this_cpu())
             .collect()
@@ -181,6 +205,16 @@ mod tests {
         assert!(levels.windows(2).all(|pair| pair[0] < pair[1]));
         assert!(levels.contains(&Level::detected()));
         assert_eq!(Level::Avx2.name(), "avx2");
+    }
+
+    #[test]
+    fn a_level_has_one_of_the_names_or_is_an_error() {
+        for level in Level::available() {
+            assert_eq!(Level::named(level.name()), Ok(level));
+        }
+        let error = Level::named("avx1024").unwrap_err();
+        let want = "RSFLOW_CPU: got \"avx1024\", expected one of \"baseline\", \"avx2\", \"avx512\", or nothing";
+        assert_eq!(error.to_string(), want);
     }
 
     #[test]

@@ -1,16 +1,18 @@
 //! Dense flow for Python.
 
-use std::sync::{Mutex, PoisonError};
-
-use lk_core::{DenseHints, DenseOptions, FlowField, Frame, Pixel};
-use ndarray::{Array2, Array3};
-use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
+use lk_core::{DenseHints, DenseOptions, DenseSnapshot, FlowField};
+use ndarray::{Ix2, Ix3};
+use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 use crate::errors::{raise, to_python};
 use crate::frames::{AnyFrame, described, mask, pair};
 use crate::interrupt::run;
-use crate::with_pair;
+use crate::outputs::owned;
+use crate::shared::{Caller, Shared};
+use crate::states::{array_plane, entry, item, plane_array};
+use crate::{with_pair, with_view};
 
 /// uv, valid, residual, gain and offset on a coarse grid, and how many times that grid is halved.
 type Parts<'py> = (
@@ -24,7 +26,7 @@ type Parts<'py> = (
 
 /// Dense flow of pairs, or from frame to frame.
 #[pyclass(frozen, module = "rsflow._core")]
-pub(crate) struct DenseFlow(Mutex<lk_core::DenseFlow>);
+pub(crate) struct DenseFlow(Shared<lk_core::DenseFlow>);
 
 #[pymethods]
 impl DenseFlow {
@@ -37,8 +39,12 @@ impl DenseFlow {
                 .illumination(illumination.parse()?)
                 .max_displacement(max_displacement))
         };
-        let flow = options().and_then(lk_core::DenseFlow::new);
-        Ok(Self(Mutex::new(flow.map_err(|error| to_python(&error))?)))
+        let options = options().map_err(|error| to_python(&error))?;
+        let fresh = move || {
+            lk_core::DenseFlow::new(options.clone()).map_err(|error| to_python(&error))
+        };
+        let mend = |flow: &mut lk_core::DenseFlow| flow.forget();
+        Ok(Self(Shared::new(fresh, mend)?))
     }
 
     /// The flow from `prev` to `next`.
@@ -57,13 +63,11 @@ impl DenseFlow {
             initial: initial.as_ref().map(PyReadonlyArray3::as_array),
             mask: region.as_ref().map(PyReadonlyArray2::as_array),
         };
-        let pixels = prev.dim().0 * prev.dim().1;
-        let field = with_pair!(pair(&prev, &next)?, |prev, next| run(
+        let pixels = prev.pixels();
+        let field = with_pair!(pair(&prev, &next)?, |prev, next| self.call(
             py,
             pixels,
-            |execution| {
-                let mut flow = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-                flow.set_execution(execution.clone());
+            |flow| {
                 let mut field = FlowField::default();
                 flow.pair(prev, next, hints, &mut field)?;
                 Ok(field)
@@ -87,35 +91,73 @@ impl DenseFlow {
             initial: initial.as_ref().map(PyReadonlyArray3::as_array),
             mask: region.as_ref().map(PyReadonlyArray2::as_array),
         };
-        let field = match &frame {
-            AnyFrame::U8(frame) => self.advance(py, frame.as_array(), hints)?,
-            AnyFrame::U16(frame) => self.advance(py, frame.as_array(), hints)?,
-            AnyFrame::F32(frame) => self.advance(py, frame.as_array(), hints)?,
-        };
+        let pixels = frame.pixels();
+        let field = with_view!(frame.view(), |frame| self.call(py, pixels, |flow| {
+            let mut field = FlowField::default();
+            Ok(flow.update(frame, hints, &mut field)?.then_some(field))
+        }))?;
         field.map(|field| parts(py, field)).transpose()
     }
 
     /// Forget the frame before.
-    fn reset(&self) {
-        self.0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .reset();
+    fn reset(&self, py: Python<'_>) -> PyResult<()> {
+        if self.0.renew_if_lost()? {
+            return Ok(());
+        }
+        self.call(py, 0, |flow| {
+            flow.reset();
+            Ok(())
+        })
+    }
+
+    /// What is known of the frame before, for `restore`; None before the first one.
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let Some(snapshot) = self.call(py, 0, |flow| flow.snapshot())? else {
+            return Ok(None);
+        };
+        let state = PyDict::new(py);
+        state.set_item("frame", plane_array(py, &snapshot.frame)?)?;
+        state.set_item("finite", plane_array(py, &snapshot.finite)?)?;
+        state.set_item("scale", snapshot.scale)?;
+        let extremes = snapshot.extremes.map(|[low, high]| (low, high));
+        state.set_item("extremes", extremes)?;
+        state.set_item("all_finite", snapshot.all_finite)?;
+        Ok(Some(state))
+    }
+
+    /// Take over what `state` gave, perhaps elsewhere.
+    fn restore(&self, py: Python<'_>, state: Option<&Bound<'_, PyDict>>) -> PyResult<()> {
+        let snapshot = match state {
+            Some(state) => {
+                let extremes: Option<(f32, f32)> = entry(state, "extremes")?;
+                Some(DenseSnapshot {
+                    frame: array_plane("frame", &item(state, "frame")?)?,
+                    finite: array_plane("finite", &item(state, "finite")?)?,
+                    scale: entry(state, "scale")?,
+                    extremes: extremes.map(|(low, high)| [low, high]),
+                    all_finite: entry(state, "all_finite")?,
+                })
+            }
+            None => None,
+        };
+        self.call(py, 0, |flow| flow.restore(snapshot.as_ref()))
     }
 }
 
 impl DenseFlow {
-    fn advance<T: Pixel>(
+    /// Call `work` with the estimator, which runs as the call does.
+    fn call<R: Send>(
         &self,
         py: Python<'_>,
-        frame: Frame<'_, T>,
-        hints: DenseHints<'_>,
-    ) -> PyResult<Option<FlowField>> {
-        run(py, frame.len(), |execution| {
-            let mut flow = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-            flow.set_execution(execution.clone());
-            let mut field = FlowField::default();
-            Ok(flow.update(frame, hints, &mut field)?.then_some(field))
+        pixels: usize,
+        work: impl FnOnce(&mut lk_core::DenseFlow) -> lk_core::Result<R> + Send,
+    ) -> PyResult<R> {
+        let caller = Caller::new();
+        run(py, pixels, |execution| {
+            self.0.with(caller, execution, |flow| {
+                flow.set_execution(execution.clone());
+                work(flow).map_err(|error| to_python(&error))
+            })
         })
     }
 }
@@ -136,27 +178,16 @@ fn initial_flow<'py>(
 }
 
 fn parts(py: Python<'_>, field: FlowField) -> PyResult<Parts<'_>> {
-    let (height, width) = (field.height(), field.width());
+    let size = (field.height(), field.width());
     let (gain, offset, halvings) = field.light();
-    let light = |plane: &lk_core::Plane| {
-        Array2::from_shape_vec((plane.height(), plane.width()), plane.data().to_vec())
-    };
-    let (gain, offset) = (light(gain), light(offset));
+    let (gain, offset) = (plane_array(py, gain)?, plane_array(py, offset)?);
     let (uv, valid, residual) = field.into_vectors();
-    let broken =
-        |error: ndarray::ShapeError| pyo3::exceptions::PyRuntimeError::new_err(error.to_string());
     Ok((
-        Array3::from_shape_vec((height, width, 2), uv)
-            .map_err(broken)?
-            .into_pyarray(py),
-        Array2::from_shape_vec((height, width), valid)
-            .map_err(broken)?
-            .into_pyarray(py),
-        Array2::from_shape_vec((height, width), residual)
-            .map_err(broken)?
-            .into_pyarray(py),
-        gain.map_err(broken)?.into_pyarray(py),
-        offset.map_err(broken)?.into_pyarray(py),
+        owned(py, Ix3(size.0, size.1, 2), uv)?,
+        owned(py, Ix2(size.0, size.1), valid)?,
+        owned(py, Ix2(size.0, size.1), residual)?,
+        gain,
+        offset,
         halvings,
     ))
 }

@@ -121,6 +121,12 @@ impl<'py> AnyFrame<'py> {
         }
     }
 
+    /// How many pixels; numpy's arrays of repeated elements may have more than memory holds.
+    pub(crate) fn pixels(&self) -> usize {
+        let (height, width) = self.dim();
+        height.saturating_mul(width)
+    }
+
     /// Height and width.
     pub(crate) fn dim(&self) -> (usize, usize) {
         match self {

@@ -6,10 +6,9 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
 use lk_core::{Error, Execution};
-use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
-use crate::errors::to_python;
+use crate::errors::{caught, fault, to_python};
 
 /// Between two looks for a signal: a quarter of the 0.2 s within which Ctrl-C must be honoured.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -17,28 +16,54 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// Calls over fewer pixels than this end well within 0.2 s and run on the caller's own thread.
 pub(crate) const LONG_CALL_PIXELS: usize = 1 << 20;
 
+/// What becomes an exception.
+pub(crate) trait Raised {
+    fn raised(self) -> PyErr;
+}
+
+impl Raised for Error {
+    fn raised(self) -> PyErr {
+        to_python(&self)
+    }
+}
+
+impl Raised for PyErr {
+    fn raised(self) -> PyErr {
+        self
+    }
+}
+
 /// Run `work` without the GIL. Where `pixels` says that it may last, it runs on a thread of its own while this one
-/// looks for signals; an exception from a signal handler, such as `KeyboardInterrupt`, stops the work.
-pub(crate) fn run<T, F>(py: Python<'_>, pixels: usize, work: F) -> PyResult<T>
+/// looks for signals; an exception from a signal handler, such as `KeyboardInterrupt`, stops the work. A panic in it is
+/// an exception like any other.
+pub(crate) fn run<T, E, F>(py: Python<'_>, pixels: usize, work: F) -> PyResult<T>
 where
     T: Send,
-    F: FnOnce(&Execution) -> lk_core::Result<T> + Send,
+    E: Raised,
+    F: FnOnce(&Execution) -> Result<T, E> + Send,
 {
+    let work =
+        |execution: &Execution| caught(|| work(execution))?.map_err(Raised::raised);
     if pixels < LONG_CALL_PIXELS || !on_main_thread(py)? {
-        return py
-            .detach(|| work(&Execution::default()))
-            .map_err(|error| to_python(&error));
+        return py.detach(|| work(&Execution::default()));
     }
     let flag = Arc::new(AtomicBool::new(false));
     let execution = Execution::default().cancel(Arc::clone(&flag));
     let (result, interrupted) = py.detach(|| {
         std::thread::scope(|scope| {
             let (done, finished) = channel::<()>();
-            let worker = scope.spawn(move || {
+            let worker = std::thread::Builder::new().spawn_scoped(scope, move || {
                 let result = work(&execution);
                 drop(done);
                 result
             });
+            let worker = match worker {
+                Ok(worker) => worker,
+                Err(error) => {
+                    let reason = error.to_string();
+                    return (Err(to_python(&Error::Threads { threads: 1, reason })), None);
+                }
+            };
             let mut interrupted = None;
             while let Err(RecvTimeoutError::Timeout) = finished.recv_timeout(LOOK_EVERY) {
                 if interrupted.is_none()
@@ -48,18 +73,17 @@ where
                     flag.store(true, Ordering::Relaxed);
                 }
             }
-            (worker.join(), interrupted)
+            let joined = worker.join();
+            (
+                joined.unwrap_or_else(|_| Err(fault("panicked"))),
+                interrupted,
+            )
         })
     });
     if let Some(error) = interrupted {
         return Err(error);
     }
-    match result {
-        Ok(Ok(value)) => Ok(value),
-        Ok(Err(Error::Cancelled)) => Err(PyRuntimeError::new_err("cancelled")),
-        Ok(Err(error)) => Err(to_python(&error)),
-        Err(panic) => std::panic::resume_unwind(panic),
-    }
+    result
 }
 
 /// Only the main thread runs Python's signal handlers.

@@ -6,7 +6,10 @@ mod errors;
 mod flow;
 mod frames;
 mod interrupt;
+mod outputs;
+mod shared;
 mod shift;
+mod states;
 mod tracking;
 
 use pyo3::prelude::*;
@@ -17,12 +20,13 @@ use pyo3::types::PyDict;
 /// Parameters
 /// ----------
 /// threads : int
-///     0 means one for each CPU. Results do not depend on it.
+///     At most 1024; 0 means one for each CPU. Results do not depend on it. The threads of another number are let go
+///     once the calls end that use them.
 ///
 /// Raises
 /// ------
 /// OptionError
-///     If it is negative.
+///     If it is negative or more than 1024.
 ///
 /// Examples
 /// --------
@@ -38,11 +42,10 @@ fn set_num_threads(threads: isize) -> PyResult<()> {
         errors::to_python(&lk_core::Error::option(
             "threads",
             threads,
-            "0 (one for each CPU) or a positive number",
+            format!("1 to {}, or 0 for one for each CPU", lk_core::MAX_THREADS),
         ))
     })?;
-    lk_core::set_num_threads(threads);
-    Ok(())
+    lk_core::set_num_threads(threads).map_err(|error| errors::to_python(&error))
 }
 
 /// The number of threads of all calls.
@@ -79,7 +82,10 @@ fn get_num_threads() -> usize {
 fn build_info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     let info = PyDict::new(py);
     info.set_item("version", env!("CARGO_PKG_VERSION"))?;
-    info.set_item("cpu_level", lk_core::Level::detected().name())?;
+    info.set_item("cpu_level", {
+        let level = lk_core::Level::of_environment().map_err(|error| errors::to_python(&error))?;
+        level.name()
+    })?;
     let levels: Vec<_> = lk_core::Level::available()
         .into_iter()
         .map(lk_core::Level::name)
@@ -103,6 +109,7 @@ fn build_info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    errors::keep_panics();
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<flow::DenseFlow>()?;
     module.add_function(wrap_pyfunction!(set_num_threads, module)?)?;

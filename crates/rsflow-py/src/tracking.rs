@@ -1,17 +1,23 @@
 //! Points: tracking between two frames, through a sequence, and corners to start from.
 
 use lk_core::{
-    BouguetOptions, CornerOptions, Execution, Illumination, PointStatus, PointTracker, StreamPoint,
-    TrackOptions, TrackedPoint,
+    BouguetOptions, CornerOptions, Execution, Illumination, PointStatus, PointTracker, TrackOptions,
+    TrackedPoint, TrackerSnapshot,
 };
-use numpy::ndarray::{Array1, Array2, Array3};
-use numpy::{IntoPyArray, PyReadonlyArray2};
+use numpy::PyReadonlyArray2;
+use numpy::ndarray::{Ix1, Ix2, Ix3};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::errors::{raise, to_python};
 use crate::frames::{AnyFrame, described, mask, pair};
+use crate::outputs::{filled, gathered};
+use crate::shared::{Caller, Shared};
+use crate::states::{array_plane, elements, entry, item, plane_array};
 use crate::{interrupt, with_pair, with_view};
+
+/// What memory for results holds.
+const POINTS: &str = "points";
 
 /// Pixels of a frame, or of the windows of its points, that cost as much as one of those by which [`interrupt::run`]
 /// counts: a pyramid or corners take some 3 ns a pixel, a point some 20 ns a pixel of its window.
@@ -52,11 +58,7 @@ fn points_of(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<[f32; 2]>> {
     if view.ncols() != 2 {
         return Err(unfit(name, value));
     }
-    Ok(view
-        .rows()
-        .into_iter()
-        .map(|row| [row[0], row[1]])
-        .collect())
+    gathered(POINTS, view.rows().into_iter().map(|row| [row[0], row[1]]))
 }
 
 fn unfit(name: &str, value: &Bound<'_, PyAny>) -> PyErr {
@@ -122,37 +124,32 @@ fn corner_options(
 /// The arrays of a result, by the names that the Python side gives them.
 fn to_dict<'py>(
     py: Python<'py>,
-    count: usize,
-    tracks: impl Iterator<Item = TrackedPoint>,
+    tracks: impl ExactSizeIterator<Item = TrackedPoint>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let mut points = Array2::<f32>::zeros((count, 2));
-    let mut status = Array1::<u8>::zeros(count);
-    let mut residual = Array1::<f32>::zeros(count);
-    let mut covariance = Array3::<f32>::zeros((count, 2, 2));
-    let mut forward_backward = Array1::<f32>::zeros(count);
-    let mut deformation = Array3::<f32>::zeros((count, 2, 2));
-    for (row, track) in tracks.enumerate() {
-        points[(row, 0)] = track.position[0];
-        points[(row, 1)] = track.position[1];
-        status[row] = track.status as u8;
-        residual[row] = track.residual;
-        let [xx, xy, yy] = track.covariance;
-        covariance[(row, 0, 0)] = xx;
-        covariance[(row, 0, 1)] = xy;
-        covariance[(row, 1, 0)] = xy;
-        covariance[(row, 1, 1)] = yy;
-        forward_backward[row] = track.forward_backward;
-        for (index, entry) in track.deformation.into_iter().flatten().enumerate() {
-            deformation[(row, index / 2, index % 2)] = entry;
-        }
-    }
+    let tracks = gathered(POINTS, tracks)?;
+    let count = tracks.len();
+    let matrices = |values: fn(&TrackedPoint) -> [f32; 4]| {
+        filled(py, POINTS, Ix3(count, 2, 2), tracks.iter().flat_map(values))
+    };
+    let column =
+        |value: fn(&TrackedPoint) -> f32| filled(py, POINTS, Ix1(count), tracks.iter().map(value));
+    let positions = tracks.iter().flat_map(|track| track.position);
+    let status = tracks.iter().map(|track| track.status as u8);
     let dict = PyDict::new(py);
-    dict.set_item("points", points.into_pyarray(py))?;
-    dict.set_item("status", status.into_pyarray(py))?;
-    dict.set_item("residual", residual.into_pyarray(py))?;
-    dict.set_item("covariance", covariance.into_pyarray(py))?;
-    dict.set_item("forward_backward", forward_backward.into_pyarray(py))?;
-    dict.set_item("deformation", deformation.into_pyarray(py))?;
+    dict.set_item("points", filled(py, POINTS, Ix2(count, 2), positions)?)?;
+    dict.set_item("status", filled(py, POINTS, Ix1(count), status)?)?;
+    dict.set_item("residual", column(|track| track.residual)?)?;
+    let covariance = matrices(|track| {
+        let [xx, xy, yy] = track.covariance;
+        [xx, xy, xy, yy]
+    })?;
+    dict.set_item("covariance", covariance)?;
+    dict.set_item("forward_backward", column(|track| track.forward_backward)?)?;
+    let deformation = matrices(|track| {
+        let [[a, b], [c, d]] = track.deformation;
+        [a, b, c, d]
+    })?;
+    dict.set_item("deformation", deformation)?;
     Ok(dict)
 }
 
@@ -191,7 +188,7 @@ fn track_points<'py>(
             &options
         ))
     })?;
-    to_dict(py, tracks.len(), tracks.into_iter())
+    to_dict(py, tracks.into_iter())
 }
 
 /// Positions (N, 2), found (N,) and errors (N,) after `cv2.calcOpticalFlowPyrLK`.
@@ -228,7 +225,12 @@ fn track_bouguet<'py>(
         .criteria(iterations, epsilon)
         .min_eigenvalue(min_eigenvalue)
         .eigenvalue_as_error(eigenvalue_as_error);
-    let cost = cost(2, prev.dim(), points.len(), window.0 * window.1);
+    let cost = cost(
+        2,
+        prev.dim(),
+        points.len(),
+        window.0.saturating_mul(window.1),
+    );
     let tracks = interrupt::run(py, cost, |execution: &Execution| {
         let options = options.execution(execution.clone());
         with_pair!(views, |prev, next| lk_core::track_bouguet(
@@ -239,14 +241,14 @@ fn track_bouguet<'py>(
             &options
         ))
     })?;
-    let positions =
-        Array2::from_shape_fn((tracks.len(), 2), |(row, axis)| tracks[row].position[axis]);
-    let found: Array1<u8> = tracks.iter().map(|track| u8::from(track.found)).collect();
-    let errors: Array1<f32> = tracks.iter().map(|track| track.error).collect();
+    let count = tracks.len();
+    let positions = tracks.iter().flat_map(|track| track.position);
+    let found = tracks.iter().map(|track| u8::from(track.found));
+    let errors = tracks.iter().map(|track| track.error);
     Ok((
-        positions.into_pyarray(py).into_any(),
-        found.into_pyarray(py).into_any(),
-        errors.into_pyarray(py).into_any(),
+        filled(py, POINTS, Ix2(count, 2), positions)?.into_any(),
+        filled(py, POINTS, Ix1(count), found)?.into_any(),
+        filled(py, POINTS, Ix1(count), errors)?.into_any(),
     ))
 }
 
@@ -264,16 +266,12 @@ fn gaussian_pyramid<'py>(
             frame, levels, execution
         ))
     })?;
-    Ok(pyramid
-        .levels()
-        .iter()
-        .map(|plane| {
-            let shape = (plane.height(), plane.width());
-            Array2::from_shape_fn(shape, |(y, x)| plane.row(y)[x])
-                .into_pyarray(py)
-                .into_any()
-        })
-        .collect())
+    let level = |plane: &lk_core::Plane| {
+        let shape = Ix2(plane.height(), plane.width());
+        let values = plane.data().iter().copied();
+        Ok(filled(py, "levels", shape, values)?.into_any())
+    };
+    pyramid.levels().iter().map(level).collect()
 }
 
 /// Positions (N, 2) and responses (N,) of the corners of a frame, the best first.
@@ -303,21 +301,18 @@ fn detect_corners<'py>(
         let options = options.execution(execution.clone());
         with_view!(view, |frame| lk_core::detect_corners(frame, mask, &options))
     })?;
-    let positions = Array2::from_shape_fn((corners.len(), 2), |(row, axis)| {
-        corners[row].position[axis]
-    });
-    let responses: Array1<f32> = corners.iter().map(|corner| corner.response).collect();
+    let count = corners.len();
+    let positions = corners.iter().flat_map(|corner| corner.position);
+    let responses = corners.iter().map(|corner| corner.response);
     Ok((
-        positions.into_pyarray(py).into_any(),
-        responses.into_pyarray(py).into_any(),
+        filled(py, POINTS, Ix2(count, 2), positions)?.into_any(),
+        filled(py, POINTS, Ix1(count), responses)?.into_any(),
     ))
 }
 
 /// Points through a sequence; see `rsflow.PointTracker`.
-#[pyclass(name = "PointTracker", module = "rsflow._core")]
-struct PyPointTracker {
-    tracker: PointTracker,
-}
+#[pyclass(frozen, name = "PointTracker", module = "rsflow._core")]
+struct PyPointTracker(Shared<PointTracker>);
 
 #[pymethods]
 impl PyPointTracker {
@@ -329,15 +324,17 @@ impl PyPointTracker {
         quality: f32,
         min_distance: f32,
     ) -> PyResult<Self> {
-        let corner_options = corner_options(max_corners, quality, min_distance, 3, None)?;
-        let tracker = PointTracker::new(track_options(options)?, corner_options)
-            .map_err(|error| to_python(&error))?;
-        Ok(Self { tracker })
+        let corners = corner_options(max_corners, quality, min_distance, 3, None)?;
+        let options = track_options(options)?;
+        let fresh = move || {
+            PointTracker::new(options.clone(), corners.clone()).map_err(|error| to_python(&error))
+        };
+        Ok(Self(Shared::new(fresh, PointTracker::reset)?))
     }
 
     /// Take a frame; the arrays of the result by name.
     fn update<'py>(
-        &mut self,
+        &self,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         mask: Option<&Bound<'py, PyAny>>,
@@ -346,35 +343,90 @@ impl PyPointTracker {
         let (height, width) = frame.dim();
         let mask = self::mask(mask, (height, width))?;
         let mask = mask.as_ref().map(PyReadonlyArray2::as_array);
-        let tracker = &mut self.tracker;
         let view = frame.view();
-        // The tracker is borrowed for the call, which a few milliseconds a frame end well before anyone waits.
-        let rows: Vec<StreamPoint> = py
-            .detach(|| {
-                with_view!(view, |frame| tracker.update(frame, mask)).map(<[StreamPoint]>::to_vec)
-            })
-            .map_err(|error| to_python(&error))?;
-        let dict = to_dict(py, rows.len(), rows.iter().map(|row| row.track))?;
-        let ids: Array1<i64> = rows
+        let rows = self.call(py, |tracker| {
+            with_view!(view, |frame| tracker.update(frame, mask))
+                .map_err(|error| to_python(&error))
+                .and_then(|rows| gathered(POINTS, rows.iter().copied()))
+        })?;
+        let dict = to_dict(py, rows.iter().map(|row| row.track))?;
+        let ids = rows
             .iter()
-            .map(|row| i64::try_from(row.id).unwrap_or(i64::MAX))
-            .collect();
-        let ages: Array1<u32> = rows.iter().map(|row| row.age).collect();
-        let origins = Array2::from_shape_fn((rows.len(), 2), |(row, axis)| rows[row].origin[axis]);
-        dict.set_item("ids", ids.into_pyarray(py))?;
-        dict.set_item("ages", ages.into_pyarray(py))?;
-        dict.set_item("origins", origins.into_pyarray(py))?;
+            .map(|row| i64::try_from(row.id).unwrap_or(i64::MAX));
+        let ages = rows.iter().map(|row| row.age);
+        let origins = rows.iter().flat_map(|row| row.origin);
+        let count = rows.len();
+        dict.set_item("ids", filled(py, POINTS, Ix1(count), ids)?)?;
+        dict.set_item("ages", filled(py, POINTS, Ix1(count), ages)?)?;
+        dict.set_item("origins", filled(py, POINTS, Ix2(count, 2), origins)?)?;
         Ok(dict)
     }
 
     /// Forget the frame before and its points.
-    fn reset(&mut self) {
-        self.tracker.reset();
+    fn reset(&self, py: Python<'_>) -> PyResult<()> {
+        if self.0.renew_if_lost()? {
+            return Ok(());
+        }
+        self.call(py, |tracker| {
+            tracker.reset();
+            Ok(())
+        })
     }
 
     /// Whether the last frame began another scene.
     #[getter]
-    fn scene_cut(&self) -> bool {
-        self.tracker.scene_cut()
+    fn scene_cut(&self, py: Python<'_>) -> PyResult<bool> {
+        self.call(py, |tracker| Ok(tracker.scene_cut()))
+    }
+
+    /// What is known so far, for `restore`.
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let snapshot = self.call(py, |tracker| {
+            tracker.snapshot().map_err(|error| to_python(&error))
+        })?;
+        let count = snapshot.points.len();
+        let points = snapshot.points.iter().flatten().copied();
+        let (ids, ages) = (snapshot.ids.iter().copied(), snapshot.ages.iter().copied());
+        let frame = snapshot.frame.as_ref();
+        let state = PyDict::new(py);
+        state.set_item("frame", frame.map(|frame| plane_array(py, frame)).transpose()?)?;
+        state.set_item("points", filled(py, POINTS, Ix2(count, 2), points)?)?;
+        state.set_item("ids", filled(py, POINTS, Ix1(count), ids)?)?;
+        state.set_item("ages", filled(py, POINTS, Ix1(count), ages)?)?;
+        state.set_item("next_id", snapshot.next_id)?;
+        state.set_item("scene_cut", snapshot.scene_cut)?;
+        Ok(state)
+    }
+
+    /// Take over what `state` gave, perhaps elsewhere.
+    fn restore(&self, py: Python<'_>, state: &Bound<'_, PyDict>) -> PyResult<()> {
+        let frame = item(state, "frame")?;
+        let frame = Some(frame).filter(|frame| !frame.is_none());
+        let points: Vec<f32> = elements::<f32, Ix2>(state, "points")?;
+        let pairs = points.as_chunks::<2>().0.iter().copied();
+        let snapshot = TrackerSnapshot {
+            frame: frame.map(|frame| array_plane("frame", &frame)).transpose()?,
+            points: gathered(POINTS, pairs)?,
+            ids: elements::<u64, Ix1>(state, "ids")?,
+            ages: elements::<u32, Ix1>(state, "ages")?,
+            next_id: entry(state, "next_id")?,
+            scene_cut: entry(state, "scene_cut")?,
+        };
+        self.call(py, |tracker| {
+            tracker.restore(&snapshot).map_err(|error| to_python(&error))
+        })
+    }
+}
+
+impl PyPointTracker {
+    /// Call `work` with the tracker, on this thread: the few milliseconds that a frame takes end well before anyone
+    /// waits.
+    fn call<R: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut PointTracker) -> PyResult<R> + Send,
+    ) -> PyResult<R> {
+        let caller = Caller::new();
+        interrupt::run(py, 0, |execution| self.0.with(caller, execution, work))
     }
 }

@@ -11,7 +11,7 @@ use ndarray::ArrayView2;
 
 pub use options::CornerOptions;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::parallel::for_each_band;
 use crate::scratch::with_scratch;
@@ -70,12 +70,15 @@ impl CornerDetector {
         let copied = plane.copy_from(frame, &options.execution);
         let result = copied.and_then(|()| self.detect_in(&plane, mask, options, corners));
         self.plane = plane;
+        if result.as_ref().is_err_and(Error::is_memory) {
+            *self = Self::default();
+        }
         result
     }
 
     /// Make room for so many local maxima of the response.
-    pub(crate) fn reserve(&mut self, maxima: usize) {
-        self.selection.reserve(maxima);
+    pub(crate) fn reserve(&mut self, maxima: usize) -> Result<()> {
+        self.selection.reserve(maxima)
     }
 
     /// The same on a plane, such as the finest level of a pyramid.
@@ -101,14 +104,13 @@ impl CornerDetector {
         }
         self.respond(plane, options)?;
         self.selection
-            .choose(&self.response, mask, options, corners);
-        Ok(())
+            .choose(&self.response, mask, options, corners)
     }
 
     /// Fill the response of every pixel.
     fn respond(&mut self, plane: &Plane, options: &CornerOptions) -> Result<()> {
         let (width, height) = (plane.width(), plane.height());
-        self.response.resize(width, height);
+        self.response.resize(width, height)?;
         // A row costs some 30 operations a pixel; this many pixels cost well above what a hand-over does.
         let min_rows = (16_384 / width).max(options.block_size);
         for_each_band(
@@ -122,7 +124,7 @@ impl CornerDetector {
                     for (local, y) in rows.enumerate() {
                         tensor.respond(plane, y, part.row_mut(local));
                     }
-                });
+                })
             },
         )
     }

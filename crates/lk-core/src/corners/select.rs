@@ -4,7 +4,9 @@ use ndarray::ArrayView2;
 
 use super::Corner;
 use super::options::CornerOptions;
+use crate::error::Result;
 use crate::frame::Plane;
+use crate::memory::{reserve, reserve_more, resize};
 use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, dispatch, dispatch_eight};
 
 /// Memory of the selection.
@@ -33,9 +35,8 @@ impl Candidate {
 
 impl Selection {
     /// Make room for so many candidates.
-    pub(super) fn reserve(&mut self, maxima: usize) {
-        self.candidates
-            .reserve(maxima.saturating_sub(self.candidates.len()));
+    pub(super) fn reserve(&mut self, maxima: usize) -> Result<()> {
+        reserve("corners", &mut self.candidates, maxima)
     }
 
     /// Replace `corners` by the best, the best first.
@@ -45,13 +46,14 @@ impl Selection {
         mask: Option<ArrayView2<'_, bool>>,
         options: &CornerOptions,
         corners: &mut Vec<Corner>,
-    ) {
+    ) -> Result<()> {
         let level = options.execution.simd_level();
         let best = best(response, mask, level);
         if best > 0.0 {
-            self.collect(response, best * options.quality, mask, level);
-            self.keep_apart(response, options, corners);
+            self.collect(response, best * options.quality, mask, level)?;
+            self.keep_apart(response, options, corners)?;
         }
+        Ok(())
     }
 
     /// Collect the local maxima from `threshold` on.
@@ -61,10 +63,12 @@ impl Selection {
         threshold: f32,
         mask: Option<ArrayView2<'_, bool>>,
         level: Level,
-    ) {
+    ) -> Result<()> {
         let (width, height) = (response.width(), response.height());
         self.candidates.clear();
         for y in 1..height - 1 {
+            // All pixels of an even row are maxima.
+            reserve_more("corners", &mut self.candidates, width)?;
             let rows = [y - 1, y, y + 1].map(|row| response.row(row));
             dispatch_eight(
                 level,
@@ -77,10 +81,16 @@ impl Selection {
                 },
             );
         }
+        Ok(())
     }
 
     /// Choose the best candidates that keep their distance.
-    fn keep_apart(&mut self, response: &Plane, options: &CornerOptions, corners: &mut Vec<Corner>) {
+    fn keep_apart(
+        &mut self,
+        response: &Plane,
+        options: &CornerOptions,
+        corners: &mut Vec<Corner>,
+    ) -> Result<()> {
         let (width, height) = (response.width(), response.height());
         let wanted = if options.max_corners == 0 {
             usize::MAX
@@ -93,7 +103,7 @@ impl Selection {
         const NONE: u32 = u32::MAX;
         if apart {
             self.cells.clear();
-            self.cells.resize(columns * rows, NONE);
+            resize("cells", &mut self.cells, columns * rows, NONE)?;
             self.chained.clear();
         }
         let limit = options.min_distance * options.min_distance;
@@ -132,14 +142,17 @@ impl Selection {
                     continue;
                 }
                 let head = &mut self.cells[row * columns + column];
+                reserve_more("corners", &mut self.chained, 1)?;
                 self.chained.push(*head);
                 *head = corners.len() as u32;
             }
+            reserve_more("corners", corners, 1)?;
             corners.push(Corner {
                 position,
                 response: candidate.response,
             });
         }
+        Ok(())
     }
 }
 

@@ -110,7 +110,7 @@ pub(super) fn assess(
                         }
                     }
                 }
-            });
+            })
         },
     )
 }

@@ -68,7 +68,7 @@ impl Memory {
     }
 
     /// Set the flow on `level`, the one to begin with.
-    fn start(&mut self, pyramid: &Pyramid, level: usize, hints: DenseHints<'_>) {
+    fn start(&mut self, pyramid: &Pyramid, level: usize, hints: DenseHints<'_>) -> Result<()> {
         self.halved = None;
         let plane = &pyramid.levels()[level];
         // What went further than the frame reaches is not in it; NaN is not within either.
@@ -76,7 +76,7 @@ impl Memory {
             .width()
             .max(pyramid.levels()[0].height()) as f32;
         for (axis, grid) in self.flow.iter_mut().enumerate() {
-            grid.resize(plane.width(), plane.height());
+            grid.resize(plane.width(), plane.height())?;
             grid.fill(0.0);
             let Some(initial) = hints.initial else {
                 continue;
@@ -95,6 +95,7 @@ impl Memory {
                 grid::extend(row, plane.width());
             }
         }
+        Ok(())
     }
 }
 
@@ -161,17 +162,17 @@ impl Descent<'_> {
         looks.take(
             &self.prev.levels()[first],
             self.weighted.then(|| &self.memory.weights[first]),
-        );
+        )?;
         let wants_light = self.options.illumination == Illumination::GainOffset;
         let (execution, next) = (self.execution, &self.next.levels()[first]);
-        let (measured, ()) = both(
+        let (measured, looked) = both(
             execution,
             || self.coarse(first, hints, None),
             || looks.look(next, hints.initial.is_none(), wants_light),
         )?;
         let (contrast, lit) = (looks.contrast, looks.lit);
         self.memory.looks = looks;
-        measured?;
+        measured.and(looked)?;
         self.found = match contrast {
             Some(contrast) => self.search(first, contrast)?,
             None => false,
@@ -248,12 +249,12 @@ impl Descent<'_> {
         let start = if self.found {
             let Memory { flow, found, .. } = &mut *self.memory;
             for (flow, found) in flow.iter_mut().zip(found) {
-                flow.copy_from(found);
+                flow.copy_from(found)?;
             }
             first
         } else {
             let level = first_level(self.prev, hints);
-            self.memory.start(self.prev, level, hints);
+            self.memory.start(self.prev, level, hints)?;
             level
         };
         for level in (first..=start).rev() {
@@ -262,7 +263,7 @@ impl Descent<'_> {
                 self.whole(level)?;
             }
             if let Some(radii) = radii {
-                self.relight_level(level, radii);
+                self.relight_level(level, radii)?;
             }
             self.level(level, false)?;
             self.whole(level)?;

@@ -1,6 +1,8 @@
 //! The result of dense flow.
 
+use crate::error::Result;
 use crate::frame::Plane;
+use crate::memory::zeros;
 
 /// Where every pixel went, and how far that can be trusted. Memory is kept when it is filled again.
 #[derive(Debug, Clone, Default)]
@@ -60,20 +62,22 @@ impl FlowField {
     }
 
     /// Take a size; what is measured is unspecified until it is written.
-    pub(super) fn resize(&mut self, width: usize, height: usize) {
-        (self.width, self.height) = (width, height);
+    pub(super) fn resize(&mut self, width: usize, height: usize) -> Result<()> {
         let pixels = width * height;
         if self.valid.len() != pixels {
             // Fresh memory that is zero already costs less than memory that is filled.
-            self.uv = vec![0.0; 2 * pixels];
-            self.valid = vec![false; pixels];
-            self.residual = vec![0.0; pixels];
+            *self = Self::default();
+            let (uv, residual) = (zeros("a flow", 2 * pixels)?, zeros("residuals", pixels)?);
+            (self.uv, self.residual) = (uv, residual);
+            self.valid = zeros("validity", pixels)?;
         }
+        (self.width, self.height) = (width, height);
         for (plane, value) in [(&mut self.gain, 1.0), (&mut self.offset, 0.0)] {
-            plane.resize(1, 1);
+            plane.resize(1, 1)?;
             plane.data_mut().fill(value);
         }
         self.halvings = 0;
+        Ok(())
     }
 
     /// Nothing is measured.

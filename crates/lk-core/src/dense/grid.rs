@@ -1,5 +1,7 @@
 //! Planes whose rows have room on both sides, so that sixteen lanes may start anywhere and reach over the border.
 
+use crate::error::Result;
+use crate::memory::resize;
 use crate::parallel::RowsMut;
 use crate::simd::LANES;
 
@@ -27,14 +29,14 @@ pub(super) struct Grid {
 
 impl Grid {
     /// Take a new size and keep the memory; the content is unspecified afterwards.
-    pub(super) fn resize(&mut self, width: usize, height: usize) {
-        self.width = width;
-        self.height = height;
-        self.stride = stride(width);
-        let size = self.stride * height;
+    pub(super) fn resize(&mut self, width: usize, height: usize) -> Result<()> {
+        let stride = stride(width);
+        let size = stride.saturating_mul(height);
         if self.data.len() < size {
-            self.data.resize(size, 0.0);
+            resize("values of dense flow", &mut self.data, size, 0.0)?;
         }
+        (self.width, self.height, self.stride) = (width, height, stride);
+        Ok(())
     }
 
     pub(super) fn width(&self) -> usize {
@@ -63,10 +65,11 @@ impl Grid {
     }
 
     /// Take size and content of `other`.
-    pub(super) fn copy_from(&mut self, other: &Self) {
-        self.resize(other.width, other.height);
+    pub(super) fn copy_from(&mut self, other: &Self) -> Result<()> {
+        self.resize(other.width, other.height)?;
         let size = self.stride * self.height;
         self.data[..size].copy_from_slice(&other.data[..size]);
+        Ok(())
     }
 
     /// Set every element.

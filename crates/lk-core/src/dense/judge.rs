@@ -3,6 +3,7 @@
 //!
 //! Windows of some pixels change little from a pixel to the next: one in each 2 x 2 speaks for the four.
 
+use crate::error::Result;
 use crate::simd::{Floats, LANES, Simd, blocks_mut};
 
 use super::grid::{Grid, PAD};
@@ -40,10 +41,11 @@ pub(super) struct Judged {
 
 impl Judged {
     /// Take the size that belongs to a level of `width` x `height`.
-    pub(super) fn resize(&mut self, width: usize, height: usize) {
+    pub(super) fn resize(&mut self, width: usize, height: usize) -> Result<()> {
         for grid in [&mut self.fit, &mut self.misfit] {
-            grid.resize(width.div_ceil(2), height.div_ceil(2));
+            grid.resize(width.div_ceil(2), height.div_ceil(2))?;
         }
+        Ok(())
     }
 }
 

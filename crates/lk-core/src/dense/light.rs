@@ -5,12 +5,17 @@
 //! of the flow is an offset. A ratio of deviations, unlike a regression, is not drawn to zero where the flow is not yet
 //! right.
 
+use crate::error::Result;
 use crate::frame::Plane;
+use crate::memory::resize;
 use crate::simd::{Level, dispatch_lanes};
 
 use super::grid::{self, PAD};
 use super::warp::WarpRow;
 use super::windows::Views;
+
+/// What memory here holds.
+const SUMS: &str = "sums of grey levels";
 
 /// Gains outside of this range are no change of light.
 const GAIN: std::ops::RangeInclusive<f64> = 0.2..=5.0;
@@ -34,10 +39,16 @@ pub(super) struct Light {
 impl Light {
     /// Find gain and offset for the flow of `input`: a trend over the whole picture from windows of `2 small + 1`, and
     /// what windows of `2 large + 1` say beyond it.
-    pub(super) fn estimate(&mut self, input: Views<'_>, small: usize, large: usize, level: Level) {
+    pub(super) fn estimate(
+        &mut self,
+        input: Views<'_>,
+        small: usize,
+        large: usize,
+        level: Level,
+    ) -> Result<()> {
         let (width, height) = (input.prev.width(), input.prev.height());
-        self.begin(width, height);
-        self.accumulate(input, level);
+        self.begin(width, height)?;
+        self.accumulate(input, level)?;
         let whole = self.moments(width, (0, 0), (width, height));
         let gain_trend = self.gain_trend(small, 1, whole).solve();
         let gain = |x: usize, y: usize| gain_trend(x, y).exp().clamp(*GAIN.start(), *GAIN.end());
@@ -58,9 +69,9 @@ impl Light {
             }
         }
         if 2 * large >= width.min(height) {
-            return;
+            return Ok(());
         }
-        self.accumulate(input, level);
+        self.accumulate(input, level)?;
         let whole = self.moments(width, (0, 0), (width, height));
         for y in 0..height {
             for x in 0..width {
@@ -71,6 +82,7 @@ impl Light {
                 *trend_offset = *trend_offset * gain as f32 + offset as f32;
             }
         }
+        Ok(())
     }
 
     /// How far the light of `next` is from that of `prev`, without regard to motion: the largest logarithm of the gain
@@ -81,15 +93,15 @@ impl Light {
         next: &Plane,
         weight: Option<&Plane>,
         radius: usize,
-    ) -> [f64; 2] {
+    ) -> Result<[f64; 2]> {
         let (width, height) = (prev.width(), prev.height());
-        self.begin(width, height);
+        self.begin(width, height)?;
         self.integrate(prev, weight, |y, _, difference| {
             let pixels = next.row(y).iter().zip(prev.row(y));
             for (to, (next, prev)) in difference[PAD..].iter_mut().zip(pixels) {
                 *to = next - prev;
             }
-        });
+        })?;
         let whole = self.moments(width, (0, 0), (width, height));
         let step = radius.div_ceil(2);
         let trend = self.gain_trend(radius, step, whole).solve();
@@ -112,15 +124,16 @@ impl Light {
                 }
             }
         }
-        [most, if all > 0.0 { (sum / all).sqrt() } else { 0.0 }]
+        Ok([most, if all > 0.0 { (sum / all).sqrt() } else { 0.0 }])
     }
 
     /// Steady light, of a size.
-    fn begin(&mut self, width: usize, height: usize) {
-        self.gain.resize(width, height);
-        self.offset.resize(width, height);
+    fn begin(&mut self, width: usize, height: usize) -> Result<()> {
+        self.gain.resize(width, height)?;
+        self.offset.resize(width, height)?;
         self.gain.data_mut().fill(1.0);
         self.offset.data_mut().fill(0.0);
+        Ok(())
     }
 
     /// The trend of the logarithm of the gain, from windows of `2 radius + 1` pixels, one in each `step` rows and columns.
@@ -143,10 +156,10 @@ impl Light {
         self.moments(width, (left, top), (right, bottom))
     }
 
-    fn accumulate(&mut self, input: Views<'_>, level: Level) {
+    fn accumulate(&mut self, input: Views<'_>, level: Level) -> Result<()> {
         let mut full = false;
         let mut sum = std::mem::take(&mut self.sum);
-        sum.resize(grid::stride(input.prev.width()), 0.0);
+        resize(SUMS, &mut sum, grid::stride(input.prev.width()), 0.0)?;
         self.integrate(input.prev, input.weight, |y, inside, difference| {
             let (u, v) = (input.u.padded(y), input.v.padded(y));
             dispatch_lanes(
@@ -164,8 +177,9 @@ impl Light {
                     full: &mut full,
                 },
             );
-        });
+        })?;
         self.sum = sum;
+        Ok(())
     }
 
     /// Integral images of `prev`, in the light so far, and of what differs from it (as it came) by rows that `second` writes
@@ -175,13 +189,14 @@ impl Light {
         prev: &Plane,
         weight: Option<&Plane>,
         mut second: impl FnMut(usize, &mut [f32], &mut [f32]),
-    ) {
+    ) -> Result<()> {
         let (width, height) = (prev.width(), prev.height());
         let stride = grid::stride(width);
         self.integral.clear();
-        self.integral.resize((width + 1) * (height + 1), [0.0; 6]);
+        let count = (width + 1) * (height + 1);
+        resize(SUMS, &mut self.integral, count, [0.0; 6])?;
         self.rows.clear();
-        self.rows.resize(2 * stride, 1.0);
+        resize(SUMS, &mut self.rows, 2 * stride, 1.0)?;
         for y in 0..height {
             let (difference, inside) = self.rows.split_at_mut(stride);
             second(y, inside, difference);
@@ -204,6 +219,7 @@ impl Light {
                     std::array::from_fn(|k| above[k] + sum[k]);
             }
         }
+        Ok(())
     }
 
     /// Weight, means and variances (p, then w), and the covariance of both, within a rectangle.

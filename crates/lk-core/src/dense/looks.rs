@@ -1,5 +1,6 @@
 //! What is asked of the frames before their flow is known, beside the coarsest levels, which are too small to divide.
 
+use crate::error::Result;
 use crate::frame::Plane;
 
 use super::light::Light;
@@ -21,18 +22,19 @@ pub(super) struct Looks {
 
 impl Looks {
     /// Take the level to look at.
-    pub(super) fn take(&mut self, prev: &Plane, weight: Option<&Plane>) {
-        self.prev.clone_from(prev);
+    pub(super) fn take(&mut self, prev: &Plane, weight: Option<&Plane>) -> Result<()> {
+        self.prev.copy_of(prev)?;
         match weight {
-            Some(weight) => self.weight.clone_from(weight),
+            Some(weight) => self.weight.copy_of(weight),
             None => self.weight.resize(0, 0),
         }
     }
 
     /// Look at the contrast, if it is wanted, and at the light.
-    pub(super) fn look(&mut self, next: &Plane, contrast: bool, light: bool) {
+    pub(super) fn look(&mut self, next: &Plane, contrast: bool, light: bool) -> Result<()> {
         let weight = Some(&self.weight).filter(|plane| plane.width() > 0);
         self.contrast = contrast.then(|| search::contrast(&self.prev));
-        self.lit = light && relight::gain_matters(&mut self.light, &self.prev, next, weight);
+        self.lit = light && relight::gain_matters(&mut self.light, &self.prev, next, weight)?;
+        Ok(())
     }
 }

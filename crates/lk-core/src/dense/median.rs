@@ -18,8 +18,8 @@ pub(super) fn median(
 ) -> Result<()> {
     let (width, height) = (from[0].width(), from[0].height());
     let [to_u, to_v] = to;
-    to_u.resize(width, height);
-    to_v.resize(width, height);
+    to_u.resize(width, height)?;
+    to_v.resize(width, height)?;
     let level = execution.simd_level();
     for_each_band(
         execution,

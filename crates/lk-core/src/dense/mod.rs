@@ -50,6 +50,7 @@ mod relax;
 mod relight;
 mod search;
 mod select;
+mod snapshot;
 mod step;
 mod sum_down;
 mod upsample;
@@ -59,12 +60,13 @@ mod windows;
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
-use crate::frame::{Frame, Pixel, Plane, expect_size, scale_by};
+use crate::frame::{Frame, Pixel, Plane, expect_size, pixels_of, scale_by};
 use crate::grey::Greys;
 use crate::parallel::{both, within_pool};
 use crate::pyramid::Pyramid;
 
 pub use field::FlowField;
+pub use snapshot::DenseSnapshot;
 pub use options::{DenseHints, DenseOptions, LevelRecipe, Preset, Recipe, RefineRecipe};
 
 use descend::{Descent, Memory};
@@ -162,8 +164,8 @@ impl DenseFlow {
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`] if the frame or the hints have another size than the frame before, those of the execution.
-    /// After an error the next frame is a first one.
+    /// [`Error::Shape`] if the frame or the hints have another size than the frame before, [`Error::Memory`], those of the
+    /// execution. After an error the next frame is a first one.
     pub fn update<T: Pixel>(
         &mut self,
         frame: Frame<'_, T>,
@@ -171,6 +173,7 @@ impl DenseFlow {
         field: &mut FlowField,
     ) -> Result<bool> {
         let primed = std::mem::replace(&mut self.primed, false);
+        pixels_of("frame", frame.dim())?;
         check_hints(frame.dim(), hints)?;
         if primed {
             std::mem::swap(&mut self.prev, &mut self.next);
@@ -183,7 +186,7 @@ impl DenseFlow {
             )?;
         }
         let execution = self.execution(frame.len());
-        within_pool(&execution, || {
+        let measured = within_pool(&execution, || {
             let levels = self.levels(frame.dim());
             let greys = Greys::of(frame);
             let scale = if primed { &self.prev.greys } else { &greys }.scale();
@@ -193,7 +196,8 @@ impl DenseFlow {
                 self.measure(hints, &execution, field)?;
             }
             Ok(())
-        })?;
+        });
+        self.give_back(measured)?;
         self.primed = true;
         Ok(primed)
     }
@@ -202,7 +206,7 @@ impl DenseFlow {
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`] if the frames or hints differ in size, those of the execution.
+    /// [`Error::Shape`] if the frames or hints differ in size, [`Error::Memory`], those of the execution.
     pub fn pair<T: Pixel>(
         &mut self,
         prev: Frame<'_, T>,
@@ -212,9 +216,10 @@ impl DenseFlow {
     ) -> Result<()> {
         self.primed = false;
         expect_size("next", next.dim(), "prev", prev.dim())?;
+        pixels_of("prev", prev.dim())?;
         check_hints(prev.dim(), hints)?;
         let execution = self.execution(prev.len());
-        within_pool(&execution, || {
+        let measured = within_pool(&execution, || {
             let levels = self.levels(prev.dim());
             let greys = both(&execution, || Greys::of(prev), || Greys::of(next))?;
             let scale = greys.0.scale();
@@ -230,7 +235,23 @@ impl DenseFlow {
             )?;
             first.and(second)?;
             self.measure(hints, &execution, field)
-        })
+        });
+        self.give_back(measured)
+    }
+
+    /// Forget the frame before, and let go of all memory.
+    pub fn forget(&mut self) {
+        self.primed = false;
+        (self.prev, self.next) = (Source::default(), Source::default());
+        self.memory = Memory::default();
+    }
+
+    /// Let go of all memory if `measured` had too little: others may need it, and the next frame may be smaller.
+    fn give_back(&mut self, measured: Result<()>) -> Result<()> {
+        if measured.as_ref().is_err_and(Error::is_memory) {
+            self.forget();
+        }
+        measured
     }
 
     /// The execution of a call for frames of this many pixels.
@@ -273,7 +294,7 @@ impl DenseFlow {
         } = self;
         let base = &prev.pyramid.levels()[0];
         let (width, height) = (base.width(), base.height());
-        field.resize(width, height);
+        field.resize(width, height)?;
         if width < 2 || height < 2 {
             field.clear();
             return Ok(());
@@ -281,8 +302,8 @@ impl DenseFlow {
         let finite = Some(&prev.finite).filter(|plane| plane.width() > 0);
         let weighted = hints.mask.is_some() || finite.is_some();
         if weighted {
-            weights::given(hints.mask, finite, (width, height), &mut memory.given);
-            weights::pyramid(&memory.given, &prev.pyramid, &mut memory.weights);
+            weights::given(hints.mask, finite, (width, height), &mut memory.given)?;
+            weights::pyramid(&memory.given, &prev.pyramid, &mut memory.weights)?;
         }
         // A power of two: dividing by it is exact.
         let unit = prev.scale.recip();
@@ -300,8 +321,8 @@ impl DenseFlow {
         let lit = descent.run(hints)?;
         let counted = descent.weighted;
         if let Some(halvings) = lit {
-            field.gain.clone_from(&memory.light.gain);
-            field.offset.clone_from(&memory.light.offset);
+            field.gain.copy_of(&memory.light.gain)?;
+            field.offset.copy_of(&memory.light.offset)?;
             scale_by(field.offset.data_mut(), unit);
             field.halvings = halvings;
         }
@@ -342,9 +363,9 @@ impl Source {
         (self.greys, self.scale) = (greys, scale);
         self.pyramid
             .rebuild_scaled(frame, levels, scale, execution)?;
-        self.finite.resize(0, 0);
+        self.finite.resize(0, 0)?;
         if !greys.stay_finite(scale) {
-            weights::fill(&mut self.pyramid.levels_mut()[0], &mut self.finite);
+            weights::fill(&mut self.pyramid.levels_mut()[0], &mut self.finite)?;
             self.pyramid.reduce_again(execution)?;
         }
         Ok(())

@@ -235,6 +235,14 @@ impl DenseOptions {
             if level.median > 16 {
                 return Err(Error::option("median", level.median, "0 to 16 pixels"));
             }
+            for (name, count) in [
+                ("cycles", level.cycles),
+                ("steps", level.steps),
+                ("sparse", level.sparse),
+                ("rounds", level.rounds),
+            ] {
+                at_most(name, count, MOST_REPETITIONS)?;
+            }
         }
         if !(1..=3).contains(&self.recipe.refine.radius) {
             return Err(Error::option(
@@ -243,6 +251,7 @@ impl DenseOptions {
                 "1, 2 or 3",
             ));
         }
+        at_most("refine.sweeps", self.recipe.refine.sweeps, MOST_SWEEPS)?;
         let positive = [
             ("better", self.recipe.better),
             ("damping", self.recipe.damping),
@@ -261,6 +270,18 @@ impl DenseOptions {
         }
         Ok(())
     }
+}
+
+/// Most cycles, steps and rounds of a level: far beyond what changes a flow.
+const MOST_REPETITIONS: usize = 1000;
+/// Most sweeps of a round, each of which takes rows of memory.
+const MOST_SWEEPS: usize = 100;
+
+fn at_most(name: &'static str, count: usize, most: usize) -> Result<()> {
+    if count > most {
+        return Err(Error::option(name, count, format!("0 to {most}")));
+    }
+    Ok(())
 }
 
 /// What a measurement may know besides its two frames.

@@ -56,16 +56,19 @@ pub(super) fn round(
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (views.prev.width(), views.prev.height());
-    to.0.resize(width, height);
-    to.1.resize(width, height);
-    let judged = judged.map(|judged| {
-        judged.resize(width, height);
-        let Judged { fit, misfit } = judged;
-        (
-            EvenRows::new(fit.rows_mut()),
-            EvenRows::new(misfit.rows_mut()),
-        )
-    });
+    to.0.resize(width, height)?;
+    to.1.resize(width, height)?;
+    let judged = match judged {
+        Some(judged) => {
+            judged.resize(width, height)?;
+            let Judged { fit, misfit } = judged;
+            Some((
+                EvenRows::new(fit.rows_mut()),
+                EvenRows::new(misfit.rows_mut()),
+            ))
+        }
+        None => None,
+    };
     let halves = 2 * recipe.sweeps;
     // A band begins its sweeps beyond its own rows, which costs most of what as many rows more would: as few bands as
     // there are threads.
@@ -143,12 +146,13 @@ pub(super) fn round(
                         }
                     }
                 }
-            });
+            })?;
             for local in 0..band.len() {
                 for grid in [&mut to_u, &mut to_v] {
                     grid::extend(grid.row_mut(local), width);
                 }
             }
+            Ok(())
         },
     )
 }

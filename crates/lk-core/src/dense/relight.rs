@@ -27,13 +27,13 @@ impl Descent<'_> {
         let levels = &self.prev.levels()[first..];
         self.memory.coarse.resize_with(levels.len(), Plane::default);
         for (kept, plane) in self.memory.coarse.iter_mut().zip(levels) {
-            kept.clone_from(plane);
+            kept.copy_of(plane)?;
         }
         for radii in LIGHT_RADII {
             self.coarse(first, hints, Some(radii))?;
             let levels = &mut self.prev.levels_mut()[first..];
             for (kept, plane) in self.memory.coarse.iter().zip(levels) {
-                plane.clone_from(kept);
+                plane.copy_of(kept)?;
             }
             let misfit = self.memory.misfit();
             if misfit < least {
@@ -75,7 +75,7 @@ impl Descent<'_> {
             ..
         } = &mut *self.memory;
         let finest = &mut self.prev.levels_mut()[0];
-        unclipped.resize(finest.width(), finest.height());
+        unclipped.resize(finest.width(), finest.height())?;
         let within = |value: f32, range: Option<[f32; 2]>| {
             range.is_none_or(|[low, high]| value > low && value < high)
         };
@@ -98,12 +98,11 @@ impl Descent<'_> {
             }
         }
         self.weighted = true;
-        weights::pyramid(unclipped, self.prev, weights);
-        Ok(())
+        weights::pyramid(unclipped, self.prev, weights)
     }
 
     /// Give `prev` the light of `next`, as the flow so far sees it.
-    pub(super) fn relight_level(&mut self, level: usize, radii: (usize, usize)) {
+    pub(super) fn relight_level(&mut self, level: usize, radii: (usize, usize)) -> Result<()> {
         let Memory {
             flow: [u, v],
             light,
@@ -125,8 +124,9 @@ impl Descent<'_> {
             radii.0,
             radii.1,
             simd,
-        );
+        )?;
         light.apply(&mut self.prev.levels_mut()[level], 0);
+        Ok(())
     }
 }
 
@@ -136,7 +136,7 @@ pub(super) fn gain_matters(
     prev: &Plane,
     next: &Plane,
     weight: Option<&Plane>,
-) -> bool {
-    let [trend, beyond] = memory.change(prev, next, weight, LIGHT_RADII[0].1);
-    trend > SUSPICIOUS || beyond > 2.0 * SUSPICIOUS
+) -> Result<bool> {
+    let [trend, beyond] = memory.change(prev, next, weight, LIGHT_RADII[0].1)?;
+    Ok(trend > SUSPICIOUS || beyond > 2.0 * SUSPICIOUS)
 }

@@ -40,9 +40,9 @@ impl Descent<'_> {
         self.memory.keep_flow();
         let Memory { best, found, .. } = &mut *self.memory;
         for (found, best) in found.iter_mut().zip(best) {
-            found.copy_from(best);
+            found.copy_from(best)?;
         }
-        self.memory.found_energy.copy_from(&self.memory.energy);
+        self.memory.found_energy.copy_from(&self.memory.energy)?;
         let most = self.options.max_displacement.map_or(f64::MAX, f64::from);
         for seed in seeds.distinct(APART * scale).into_iter().take(MOST) {
             if seed[0].hypot(seed[1]) > most + scale {
@@ -50,7 +50,7 @@ impl Descent<'_> {
             }
             let plane = &self.prev.levels()[level];
             for (grid, value) in self.memory.flow.iter_mut().zip(seed) {
-                grid.resize(plane.width(), plane.height());
+                grid.resize(plane.width(), plane.height())?;
                 grid.fill((value / scale) as f32);
             }
             self.level(level, false)?;
@@ -69,7 +69,7 @@ impl Descent<'_> {
             return Ok(false);
         }
         for (found, flow) in found.iter_mut().zip(&*flow) {
-            found.copy_from(flow);
+            found.copy_from(flow)?;
         }
         Ok(true)
     }

@@ -20,8 +20,8 @@ pub(super) fn select(
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (energy.width(), energy.height());
-    to.0.resize(width, height);
-    to.1.resize(width, height);
+    to.0.resize(width, height)?;
+    to.1.resize(width, height)?;
     let level = execution.simd_level();
     for_each_band(
         execution,

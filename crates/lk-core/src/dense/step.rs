@@ -36,7 +36,7 @@ pub(super) fn step(
 ) -> Result<()> {
     let (width, height) = (views.prev.width(), views.prev.height());
     for plane in [&mut *u, &mut *v, &mut *energy] {
-        plane.resize(width, height);
+        plane.resize(width, height)?;
     }
     let level = execution.simd_level();
     let strips = Columns::strips(width, Windows::FLOATS, options.radius + 1);
@@ -69,12 +69,13 @@ pub(super) fn step(
                         ));
                     }
                 }
-            });
+            })?;
             for local in 0..rows.len() {
                 for grid in [&mut u, &mut v, &mut energy] {
                     grid::extend(grid.row_mut(local), width);
                 }
             }
+            Ok(())
         },
     )
 }
@@ -91,12 +92,15 @@ pub(super) fn sparse_step(
     let (full_width, full_height) = (views.prev.width(), views.prev.height());
     let (width, height) = (full_width.div_ceil(2), full_height.div_ceil(2));
     for plane in [&mut *u, &mut *v, &mut *energy] {
-        plane.resize(width, height);
+        plane.resize(width, height)?;
     }
-    let judged = judged.map(|judged| {
-        judged.resize(full_width, full_height);
-        (judged.fit.rows_mut(), judged.misfit.rows_mut())
-    });
+    let judged = match judged {
+        Some(judged) => {
+            judged.resize(full_width, full_height)?;
+            Some((judged.fit.rows_mut(), judged.misfit.rows_mut()))
+        }
+        None => None,
+    };
     let level = execution.simd_level();
     let strips = Columns::strips(full_width, Windows::FLOATS, options.radius + 1);
     let size = Windows::most(strips.clone());
@@ -138,12 +142,13 @@ pub(super) fn sparse_step(
                         });
                     }
                 }
-            });
+            })?;
             for local in 0..rows.len() {
                 for grid in [&mut u, &mut v, &mut energy] {
                     grid::extend(grid.row_mut(local), width);
                 }
             }
+            Ok(())
         },
     )
 }

@@ -18,7 +18,7 @@ pub(super) fn upsample(
     fine: &mut Grid,
     execution: &Execution,
 ) -> Result<()> {
-    fine.resize(width, height);
+    fine.resize(width, height)?;
     let level = execution.simd_level();
     for_each_band(
         execution,

@@ -2,14 +2,15 @@
 
 use ndarray::ArrayView2;
 
+use crate::error::Result;
 use crate::frame::Plane;
 use crate::pyramid::Pyramid;
 
 /// Set `finite` to 1 where `plane` is finite and 0 elsewhere, and give the others the value of a neighbour, so that
 /// they cannot spread.
-pub(super) fn fill(plane: &mut Plane, finite: &mut Plane) {
+pub(super) fn fill(plane: &mut Plane, finite: &mut Plane) -> Result<()> {
     let (width, height) = (plane.width(), plane.height());
-    finite.resize(width, height);
+    finite.resize(width, height)?;
     let first = plane
         .data()
         .iter()
@@ -30,6 +31,7 @@ pub(super) fn fill(plane: &mut Plane, finite: &mut Plane) {
             }
         }
     }
+    Ok(())
 }
 
 /// The weight of every pixel of the frame: 0 where it is masked or not finite.
@@ -38,8 +40,8 @@ pub(super) fn given(
     finite: Option<&Plane>,
     (width, height): (usize, usize),
     weight: &mut Plane,
-) {
-    weight.resize(width, height);
+) -> Result<()> {
+    weight.resize(width, height)?;
     for y in 0..height {
         for (x, weight) in weight.row_mut(y).iter_mut().enumerate() {
             let masked = mask.is_some_and(|mask| !mask[(y, x)]);
@@ -47,17 +49,18 @@ pub(super) fn given(
             *weight = if masked || !finite { 0.0 } else { 1.0 };
         }
     }
+    Ok(())
 }
 
 /// The weight of every pixel of every level, from that of the finest: 0 where any pixel of the 2 x 2 below it is 0.
-pub(super) fn pyramid(finest: &Plane, frame: &Pyramid, levels: &mut Vec<Plane>) {
+pub(super) fn pyramid(finest: &Plane, frame: &Pyramid, levels: &mut Vec<Plane>) -> Result<()> {
     levels.resize_with(frame.levels().len(), Plane::default);
-    levels[0].clone_from(finest);
+    levels[0].copy_of(finest)?;
     for (level, of_frame) in frame.levels().iter().enumerate().skip(1) {
         let (width, height) = (of_frame.width(), of_frame.height());
         let (finer, coarser) = levels.split_at_mut(level);
         let (finer, target) = (&finer[level - 1], &mut coarser[0]);
-        target.resize(width, height);
+        target.resize(width, height)?;
         for y in 0..height {
             let below = (2 * y + 1).min(finer.height() - 1);
             let (a, b) = (finer.row(2 * y), finer.row(below));
@@ -67,4 +70,5 @@ pub(super) fn pyramid(finest: &Plane, frame: &Pyramid, levels: &mut Vec<Plane>) 
             }
         }
     }
+    Ok(())
 }

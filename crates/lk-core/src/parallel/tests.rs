@@ -166,7 +166,9 @@ fn a_raised_flag_cancels() {
     for threads in [1, 2] {
         let flag = Arc::new(AtomicBool::new(true));
         let execution = Execution::default().threads(threads).cancel(flag);
-        let result = for_each_band(&execution, 100, 1, (), |_, ()| panic!("must not run"));
+        let result = for_each_band(&execution, 100, 1, (), |_, ()| -> () {
+            panic!("must not run")
+        });
         assert_eq!(result, Err(Error::Cancelled));
     }
 }

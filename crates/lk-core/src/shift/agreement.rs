@@ -4,7 +4,9 @@
 use std::ops::Range;
 
 use super::place::Pair;
+use crate::error::Result;
 use crate::frame::Plane;
+use crate::memory::{reserve, resize};
 use crate::simd::{EIGHT, Eight, EightKernel, Level, dispatch_eight};
 
 /// The least share of the window that both frames must show.
@@ -42,28 +44,28 @@ pub(super) struct Agreement {
 
 impl Candidates {
     /// Take the frames of `pair`.
-    pub(super) fn take(&mut self, pair: Pair<'_>, level: Level) {
+    pub(super) fn take(&mut self, pair: Pair<'_>, level: Level) -> Result<()> {
         (self.window, self.origin) = (pair.window, pair.origin);
         self.weighted = pair.prev_weight.is_some() || pair.next_weight.is_some();
         let planes = [(pair.prev, pair.prev_weight), (pair.next, pair.next_weight)];
         for (index, (plane, weight)) in planes.into_iter().enumerate() {
             let size = [plane.width(), plane.height()];
             self.size[index] = size;
-            pad(plane, &mut self.raw[index]);
+            pad(plane, &mut self.raw[index])?;
             if self.weighted {
                 match weight {
-                    Some(weight) => pad(weight, &mut self.weight[index]),
+                    Some(weight) => pad(weight, &mut self.weight[index])?,
                     None => {
-                        self.weight[index].resize(padded(size[0]), size[1]);
+                        self.weight[index].resize(padded(size[0]), size[1])?;
                         self.weight[index].data_mut().fill(1.0);
                     }
                 }
             }
+            let columns = |x: usize| x.min(RADIUS) + (size[0] - 1 - x).min(RADIUS) + 1;
+            let across = (0..size[0]).map(|x| 1.0 / columns(x) as f32);
             self.across.clear();
-            self.across.extend(
-                (0..size[0])
-                    .map(|x| 1.0 / (x.min(RADIUS) + (size[0] - 1 - x).min(RADIUS) + 1) as f32),
-            );
+            reserve("a row", &mut self.across, padded(size[0]))?;
+            self.across.extend(across);
             self.across.resize(padded(size[0]), 1.0);
             dispatch_eight(
                 level,
@@ -75,8 +77,9 @@ impl Candidates {
                     variance: &mut self.variance,
                     to: &mut self.flat[index],
                 },
-            );
+            )?;
         }
+        Ok(())
     }
 
     /// How well the frames agree at displacement `d`; `None` if they share too few pixels.
@@ -136,14 +139,15 @@ fn padded(width: usize) -> usize {
 }
 
 /// Copy `plane`, with zeros behind its rows.
-fn pad(plane: &Plane, to: &mut Plane) {
+fn pad(plane: &Plane, to: &mut Plane) -> Result<()> {
     let width = plane.width();
-    to.resize(padded(width), plane.height());
+    to.resize(padded(width), plane.height())?;
     for y in 0..plane.height() {
         let row = to.row_mut(y);
         row[..width].copy_from_slice(plane.row(y));
         row[width..].fill(0.0);
     }
+    Ok(())
 }
 
 struct Normalise<'a> {
@@ -157,10 +161,10 @@ struct Normalise<'a> {
 }
 
 impl EightKernel for Normalise<'_> {
-    type Output = ();
+    type Output = Result<()>;
 
     #[inline(always)]
-    fn run<L: Eight>(self) {
+    fn run<L: Eight>(self) -> Result<()> {
         let (stride, height) = (self.plane.width(), self.plane.height());
         let lanes = self.width.next_multiple_of(EIGHT);
         let mut total = 0.0f64;
@@ -180,10 +184,10 @@ impl EightKernel for Normalise<'_> {
         let [plain, squares] = self.sums;
         for sums in [&mut *plain, &mut *squares] {
             sums.clear();
-            sums.resize(stride + 2 * RADIUS, 0.0);
+            resize("a row", sums, stride + 2 * RADIUS, 0.0)?;
         }
-        self.variance.resize(stride, 0.0);
-        self.to.resize(stride, height);
+        resize("a row", self.variance, stride, 0.0)?;
+        self.to.resize(stride, height)?;
         for y in 0..height {
             let rows = y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(height);
             let near = &self.plane.data()[rows.start * stride..rows.end * stride];
@@ -219,6 +223,7 @@ impl EightKernel for Normalise<'_> {
             }
             to[self.width..].fill(0.0);
         }
+        Ok(())
     }
 }
 

@@ -84,7 +84,7 @@ pub(super) fn follow(
             last = Some((solution, gain));
             if length < 0.2 && fits < GAIN_FITS && (fits == 0 || length > GAIN_SETTLED) {
                 fits += 1;
-                gain = gain_field(pair, how, workspace);
+                gain = gain_field(pair, how, workspace)?;
             }
             before = (length < 0.2).then_some(solution.step);
             if steady {

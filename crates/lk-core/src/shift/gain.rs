@@ -5,6 +5,8 @@
 use super::gram::{Block, F_MEAN, F_ONE, Gram};
 use super::place::Place;
 use super::sums::Tiling;
+use crate::error::Result;
+use crate::memory::reserve;
 
 /// What is not seen is held to this: in gain over the window, and in gain over [`GREY`].
 const SPREAD: f64 = 0.3;
@@ -14,7 +16,8 @@ const GREY: f64 = 64.0;
 const REGRESSORS: usize = 4;
 
 /// The gain of one tile.
-struct Sample {
+#[derive(Debug)]
+pub(super) struct Sample {
     regressors: [f64; REGRESSORS],
     gain: f64,
     weight: f64,
@@ -28,8 +31,10 @@ pub(super) fn gain_field(
     tiling: &Tiling,
     place: [Place; 2],
     known: [f64; REGRESSORS],
-) -> [f64; REGRESSORS] {
-    let mut samples = Vec::with_capacity(grams.len());
+    samples: &mut Vec<Sample>,
+) -> Result<[f64; REGRESSORS]> {
+    samples.clear();
+    reserve("tiles", samples, grams.len())?;
     for row in 0..tiling.down() {
         for column in 0..tiling.across() {
             let (whole, Some(block)) = &grams[row * tiling.across() + column] else {
@@ -49,10 +54,10 @@ pub(super) fn gain_field(
         }
     }
     if samples.len() < 9 {
-        return [0.0; REGRESSORS];
+        return Ok([0.0; REGRESSORS]);
     }
     let noise = 4.0 * samples.len() as f64;
-    let [(_, before), plane, curve] = [1, 3, 4].map(|unknowns| fit(&samples, unknowns));
+    let [(_, before), plane, curve] = [1, 3, 4].map(|unknowns| fit(samples, unknowns));
     // Grey level and place go together in a picture of few tiles: the plane is preferred.
     let (field, misfit) = if plane.1 <= noise.max(2.0 * curve.1) {
         plane
@@ -61,9 +66,9 @@ pub(super) fn gain_field(
     };
     // A field that leaves most of the variation is not one: the border of a shadow, or no match at all.
     if misfit > noise.max(0.25 * before) {
-        return [0.0; REGRESSORS];
+        return Ok([0.0; REGRESSORS]);
     }
-    [field[0], field[1], field[2], field[3] / GREY]
+    Ok([field[0], field[1], field[2], field[3] / GREY])
 }
 
 /// The first `unknowns` coefficients, and what they leave of the gains, by weight.

@@ -9,7 +9,7 @@ use super::place::Pair;
 use super::unit::Unit;
 use crate::error::Result;
 use crate::execution::Execution;
-use crate::frame::{Frame, Pixel, Plane, read_row};
+use crate::frame::{Frame, Pixel, Plane, pixels_of, read_row};
 use crate::parallel::for_each_band;
 use crate::pyramid::Pyramid;
 use crate::simd::{Kernel, dispatch};
@@ -81,16 +81,22 @@ impl Inputs {
             let [columns, rows] = range.map(|(low, high)| low..high);
             frame.slice_move(ndarray::s![rows, columns])
         });
+        for (what, frame) in [("prev", prev), ("next", next)] {
+            pixels_of(what, frame.dim())?;
+        }
         self.unit = Unit::new([prev, next]);
         let mut prev_weight = read(prev, self.unit, &mut self.prev, levels, execution)?;
         let next_weight = read(next, self.unit, &mut self.next, levels, execution)?;
         if let Some(mask) = mask {
             let (height, width) = prev.dim();
-            let weight = prev_weight.get_or_insert_with(|| {
-                let mut plane = Plane::new(width, height);
-                plane.data_mut().fill(1.0);
-                plane
-            });
+            let weight = match &mut prev_weight {
+                Some(weight) => weight,
+                none => {
+                    let weight = none.insert(Plane::new(width, height)?);
+                    weight.data_mut().fill(1.0);
+                    weight
+                }
+            };
             for y in 0..height {
                 for (x, value) in weight.row_mut(y).iter_mut().enumerate() {
                     if !mask[(prev_range[1].0 + y, prev_range[0].0 + x)] {
@@ -110,8 +116,8 @@ impl Inputs {
                 let rows = (rows.0..rows.1).map(|y| &plane.row(y)[columns.0..columns.1]);
                 rows.flatten().map(|value| f64::from(*value)).sum()
             });
-        self.prev_weights = weight_levels(prev_weight, levels);
-        self.next_weights = weight_levels(next_weight, levels);
+        self.prev_weights = weight_levels(prev_weight, levels)?;
+        self.next_weights = weight_levels(next_weight, levels)?;
         self.origin =
             std::array::from_fn(|axis| next_range[axis].0 as isize - prev_range[axis].0 as isize);
         self.levels = levels;
@@ -157,7 +163,7 @@ fn read<T: Pixel>(
     let (height, width) = frame.dim();
     let (mean, scale) = (unit.mean as f32, unit.scale as f32);
     let finite = AtomicBool::new(true);
-    pyramid.resize([width, height], levels + 1);
+    pyramid.resize([width, height], levels + 1)?;
     let plane = &mut pyramid.levels_mut()[0];
     let level = execution.simd_level();
     for_each_band(
@@ -183,7 +189,7 @@ fn read<T: Pixel>(
     )?;
     let mut weight = None;
     if !finite.into_inner() {
-        let weight = weight.insert(Plane::new(width, height));
+        let weight = weight.insert(Plane::new(width, height)?);
         for (to, value) in weight.data_mut().iter_mut().zip(plane.data()) {
             *to = if value.is_finite() { 1.0 } else { 0.0 };
         }
@@ -237,33 +243,29 @@ fn fill(row: &mut [f32]) {
 }
 
 /// The weights of all levels: a pixel counts where all pixels that the filters read for it do.
-fn weight_levels(weight: Option<Plane>, levels: usize) -> Vec<Option<Plane>> {
-    let Some(weight) = weight else {
-        return vec![None; levels + 1];
+fn weight_levels(weight: Option<Plane>, levels: usize) -> Result<Vec<Option<Plane>>> {
+    let Some(mut raw) = weight else {
+        return Ok(vec![None; levels + 1]);
     };
-    let mut raw = weight;
     let mut result = Vec::with_capacity(levels + 1);
-    for level in 0..=levels {
-        let wide = eroded(&raw, FILTER_RADIUS);
-        result.push(Some(wide.clone()));
-        if level < levels {
-            let (width, height) = (raw.width().div_ceil(2), raw.height().div_ceil(2));
-            let mut half = Plane::new(width, height);
-            for y in 0..height {
-                for x in 0..width {
-                    half.row_mut(y)[x] = wide.row(2 * y)[2 * x];
-                }
+    for _ in 0..=levels {
+        let wide = eroded(&raw, FILTER_RADIUS)?;
+        let (width, height) = (raw.width().div_ceil(2), raw.height().div_ceil(2));
+        raw.resize(width, height)?;
+        for y in 0..height {
+            for (x, to) in raw.row_mut(y).iter_mut().enumerate() {
+                *to = wide.row(2 * y)[2 * x];
             }
-            raw = half;
         }
+        result.push(Some(wide));
     }
-    result
+    Ok(result)
 }
 
 /// 1 where all pixels within `radius` are 1.
-fn eroded(plane: &Plane, radius: usize) -> Plane {
+fn eroded(plane: &Plane, radius: usize) -> Result<Plane> {
     let (width, height) = (plane.width(), plane.height());
-    let mut across = Plane::new(width, height);
+    let mut across = Plane::new(width, height)?;
     for y in 0..height {
         let row = plane.row(y);
         for x in 0..width {
@@ -271,19 +273,18 @@ fn eroded(plane: &Plane, radius: usize) -> Plane {
             across.row_mut(y)[x] = near.iter().copied().fold(1.0, f32::min);
         }
     }
-    let mut result = Plane::new(width, height);
+    let mut result = Plane::new(width, height)?;
     for y in 0..height {
         for near in y.saturating_sub(radius)..(y + radius + 1).min(height) {
+            let (row, to) = (across.row(near), result.row_mut(y));
             if near == y.saturating_sub(radius) {
-                let row = across.row(near).to_vec();
-                result.row_mut(y).copy_from_slice(&row);
+                to.copy_from_slice(row);
             } else {
-                let row = across.row(near).to_vec();
-                for (to, from) in result.row_mut(y).iter_mut().zip(row) {
-                    *to = to.min(from);
+                for (to, from) in to.iter_mut().zip(row) {
+                    *to = to.min(*from);
                 }
             }
         }
     }
-    result
+    Ok(result)
 }

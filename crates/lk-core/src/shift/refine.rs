@@ -16,6 +16,7 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::illumination::Illumination;
+use crate::memory::resize;
 use crate::parallel::{RowsMut, for_each_band};
 use crate::simd::{EIGHT, Eight, EightKernel, Packed, dispatch_eight};
 
@@ -91,11 +92,12 @@ pub(super) fn look(
     } = workspace;
     let weighted = pair.prev_weight.is_some() || pair.next_weight.is_some();
     if weighted {
-        view.weigh(weight);
+        view.weigh(weight)?;
     }
-    tiling.cut(view.size, how.tile);
+    tiling.cut(view.size, how.tile)?;
     tiles.clear();
-    tiles.resize(tiling.across() * tiling.down(), Tile::ZERO);
+    let count = tiling.across() * tiling.down();
+    resize("tiles", tiles, count, Tile::ZERO)?;
     let level = execution.simd_level();
     let weight = weighted.then_some(&*weight);
     let tiling = &*tiling;
@@ -118,23 +120,30 @@ pub(super) fn look(
                             buffers,
                             tiles: part.row_mut(local),
                         },
-                    );
+                    )?;
                 }
-            });
+                Ok(())
+            })
         },
     )?;
     let light = Light::new(how.illumination);
     let noise = noise_gain(&view.taps);
-    Ok(solver.solve(tiles, tiling, weighted, light, noise, how.hold))
+    solver.solve(tiles, tiling, weighted, light, noise, how.hold)
 }
 
 /// How the gain varies over the window, as the last look saw it; none if it varies in another way.
-pub(super) fn gain_field(pair: Pair<'_>, how: Look, workspace: &Workspace) -> GainField {
+pub(super) fn gain_field(
+    pair: Pair<'_>,
+    how: Look,
+    workspace: &mut Workspace,
+) -> Result<GainField> {
     let light = Light::new(how.illumination);
-    View::new(pair, how).map_or(GainField::default(), |view| {
-        let Workspace { tiling, solver, .. } = workspace;
-        GainField(solver.gain_field(tiling, light, view.place, how.gain.0))
-    })
+    let Some(view) = View::new(pair, how) else {
+        return Ok(GainField::default());
+    };
+    let Workspace { tiling, solver, .. } = workspace;
+    let field = solver.gain_field(tiling, light, view.place, how.gain.0)?;
+    Ok(GainField(field))
 }
 
 /// The region that both frames show, and how each is sampled there.
@@ -177,9 +186,9 @@ impl<'a> View<'a> {
     }
 
     /// Where both frames may be used.
-    fn weigh(&self, weight: &mut Plane) {
+    fn weigh(&self, weight: &mut Plane) -> Result<()> {
         let [width, height] = self.size;
-        weight.resize(width.next_multiple_of(EIGHT), height);
+        weight.resize(width.next_multiple_of(EIGHT), height)?;
         let planes = [self.pair.prev_weight, self.pair.next_weight];
         for y in 0..height {
             let row = weight.row_mut(y);
@@ -192,6 +201,7 @@ impl<'a> View<'a> {
                 }
             }
         }
+        Ok(())
     }
 
     /// The rows that the taps read for row `y` of the region, in one of the frames.
@@ -215,10 +225,10 @@ struct LookAtStripe<'a> {
 }
 
 impl EightKernel for LookAtStripe<'_> {
-    type Output = ();
+    type Output = Result<()>;
 
     #[inline(always)]
-    fn run<L: Eight>(self) {
+    fn run<L: Eight>(self) -> Result<()> {
         let [width, height] = self.view.size;
         let padded = width.next_multiple_of(EIGHT);
         let rows = self.tiling.rows(self.stripe);
@@ -238,10 +248,10 @@ impl EightKernel for LookAtStripe<'_> {
             rows.start.saturating_sub(RADIUS)
         };
         let last = (rows.end + RADIUS).min(height);
-        mean.resize(padded + 2 * RADIUS, rows.len() + shared);
-        difference.resize(padded, rows.len() + shared);
+        mean.resize(padded + 2 * RADIUS, rows.len() + shared)?;
+        difference.resize(padded, rows.len() + shared)?;
         for row in temporary.iter_mut() {
-            row.resize(padded + 2 * RADIUS, 0.0);
+            resize("a row", row, padded + 2 * RADIUS, 0.0)?;
         }
         // Row y of the region stands here.
         let at = |y: usize| y + RADIUS - rows.start;
@@ -267,6 +277,7 @@ impl EightKernel for LookAtStripe<'_> {
             stripe: self.stripe,
         }
         .run::<L>(self.tiles);
+        Ok(())
     }
 }
 

@@ -6,6 +6,7 @@ use std::cell::Cell;
 use super::inputs::Inputs;
 use super::refine::Workspace;
 use super::start;
+use crate::error::{Error, Result};
 
 /// Pixels of both frames up to which the memory is kept, about 12 bytes for each.
 const KEPT_PIXELS: usize = 1 << 21;
@@ -23,10 +24,11 @@ thread_local! {
 }
 
 /// Run `work` with the memory of the last call.
-pub(super) fn with_scratch<R>(work: impl FnOnce(&mut Scratch) -> R) -> R {
+pub(super) fn with_scratch<R>(work: impl FnOnce(&mut Scratch) -> Result<R>) -> Result<R> {
     let mut scratch = SCRATCH.take().unwrap_or_default();
     let result = work(&mut scratch);
-    if scratch.inputs.pixels() <= KEPT_PIXELS {
+    let lacking = result.as_ref().is_err_and(Error::is_memory);
+    if !lacking && scratch.inputs.pixels() <= KEPT_PIXELS {
         SCRATCH.set(Some(scratch));
     }
     result

@@ -4,12 +4,14 @@
 
 use std::ops::Range;
 
-use super::gain::gain_field;
+use super::gain::{Sample, gain_field};
 use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light};
 use super::place::Place;
 use super::scatter::inflation;
 use super::sums::{Tile, Tiling};
 use super::taps::NoiseGain;
+use crate::error::Result;
+use crate::memory::{replace, reserve, resize};
 
 /// What the tiles together say at one displacement.
 #[derive(Debug, Clone, Copy)]
@@ -59,6 +61,8 @@ pub(super) struct Solver {
     order: Vec<(f64, f64)>,
     /// Which of the blocks that were tried are one, in the order in which they are tried.
     merged: Vec<bool>,
+    /// The gains of the tiles.
+    samples: Vec<Sample>,
 }
 
 /// Merges blocks of tiles as long as one model of the light fits them.
@@ -147,19 +151,19 @@ impl Solver {
         light: Light,
         noise: NoiseGain,
         hold: bool,
-    ) -> Option<Solution> {
+    ) -> Result<Option<Solution>> {
         let mut laplacian = 0.0;
-        self.grams.clear();
-        self.grams
-            .extend(tiles.iter().enumerate().map(|(index, tile)| {
-                let (gram, energy) = tile.gram(index, tiling, weighted);
-                laplacian += energy;
-                (gram, gram.reduce(light))
-            }));
+        let grams = tiles.iter().enumerate().map(|(index, tile)| {
+            let (gram, energy) = tile.gram(index, tiling, weighted);
+            laplacian += energy;
+            (gram, gram.reduce(light))
+        });
+        replace("tiles", &mut self.grams, grams)?;
         self.blocks.clear();
+        reserve("tiles", &mut self.blocks, tiles.len())?;
         // A tree has fewer branchings than leaves.
         let hold = hold && self.merged.len() == tiles.len();
-        self.merged.resize(tiles.len(), false);
+        resize("tiles", &mut self.merged, tiles.len(), false)?;
         let mut merger = Merger {
             grams: &self.grams,
             tiling,
@@ -172,10 +176,10 @@ impl Solver {
         };
         let (whole, _) = merger.merge(0..tiling.across(), 0..tiling.down());
         if self.blocks.is_empty() {
-            return None;
+            return Ok(None);
         }
         let blocks = &self.blocks;
-        sort_by_variance(blocks, &mut self.order);
+        sort_by_variance(blocks, &mut self.order)?;
         let typical = quantile(&self.order, 0.3);
         let mut a = [[0.0; 2]; 2];
         let mut b = [0.0; 2];
@@ -233,7 +237,7 @@ impl Solver {
         ];
         let excess = inflation(&self.grams, step, clean, typical, damped / noise.sampled);
         let floor = ((noise_part[0] + noise_part[1]) / 2.0).max(1e-9 * weights);
-        Some(Solution {
+        Ok(Some(Solution {
             step,
             covariance: sandwich(clean, c).map(|row| row.map(|value| excess * value)),
             excess,
@@ -248,30 +252,31 @@ impl Solver {
             } else {
                 1.0
             },
-        })
+        }))
     }
 
     /// How the gain varies, from the tiles of the last solution, whose differences are rid of the field `known`.
     pub(super) fn gain_field(
-        &self,
+        &mut self,
         tiling: &Tiling,
         light: Light,
         place: [Place; 2],
         known: [f64; 4],
-    ) -> [f64; 4] {
+    ) -> Result<[f64; 4]> {
         if light.gain {
-            gain_field(&self.grams, tiling, place, known)
+            gain_field(&self.grams, tiling, place, known, &mut self.samples)
         } else {
-            [0.0; 4]
+            Ok([0.0; 4])
         }
     }
 }
 
 /// The residual variances in order, each with the pixels that have it.
-fn sort_by_variance(blocks: &[Block], order: &mut Vec<(f64, f64)>) {
-    order.clear();
-    order.extend(blocks.iter().map(|block| (block.variance(), block.count)));
+fn sort_by_variance(blocks: &[Block], order: &mut Vec<(f64, f64)>) -> Result<()> {
+    let pairs = blocks.iter().map(|block| (block.variance(), block.count));
+    replace("tiles", order, pairs)?;
     order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    Ok(())
 }
 
 /// The residual variance below which this share of the pixels lies.

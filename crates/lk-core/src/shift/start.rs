@@ -5,6 +5,7 @@ use super::place::Pair;
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
+use crate::memory::{replace, reserve_more};
 use crate::phase::{correlate_rows, fast_length};
 use crate::simd::Level;
 
@@ -68,7 +69,7 @@ pub(super) fn best_start(
     execution: &Execution,
 ) -> Result<Option<Starts>> {
     let level = execution.simd_level();
-    scratch.candidates.take(pair, level);
+    scratch.candidates.take(pair, level)?;
     let mut search = Search {
         pair,
         scratch,
@@ -118,16 +119,16 @@ impl Search<'_> {
         let whole = [(0, pair.next.width()), (0, pair.next.height())];
         let [of_prev, of_next] = &mut scratch.fades;
         let weights = [pair.prev_weight, pair.next_weight];
-        let mut prev = Tapered::new(&planes[0], weights[0], pair.window, of_prev);
-        let mut next = Tapered::new(&planes[1], weights[1], whole, of_next);
-        scratch.surface.resize(size[0], size[1]);
+        let mut prev = Tapered::new(&planes[0], weights[0], pair.window, of_prev)?;
+        let mut next = Tapered::new(&planes[1], weights[1], whole, of_next)?;
+        scratch.surface.resize(size[0], size[1])?;
         correlate_rows(
             |y, row| prev.write(y, row),
             |y, row| next.write(y, row),
             &mut scratch.surface,
         )?;
         self.peaks.clear();
-        let found = peaks(&self.scratch.surface);
+        let found = peaks(&self.scratch.surface)?;
         let highest = found.first().map_or(0.0, |(height, _)| *height);
         for (height, peak) in &found {
             for wrap_y in [0, size[1] as isize] {
@@ -219,7 +220,7 @@ impl Search<'_> {
 }
 
 /// The highest local maxima of the surface, the highest first.
-fn peaks(surface: &Plane) -> Vec<(f32, [usize; 2])> {
+fn peaks(surface: &Plane) -> Result<Vec<(f32, [usize; 2])>> {
     let (width, height) = (surface.width(), surface.height());
     let highest = surface.data().iter().copied().fold(0.0, f32::max);
     let mut found: Vec<(f32, [usize; 2])> = Vec::new();
@@ -232,13 +233,14 @@ fn peaks(surface: &Plane) -> Vec<(f32, [usize; 2])> {
             let rows = [(y + height - 1) % height, y, (y + 1) % height];
             let around = rows.map(|row| columns.map(|column| surface.row(row)[column]));
             if around.iter().flatten().all(|other| other <= value) {
+                reserve_more("peaks", &mut found, 1)?;
                 found.push((*value, [x, y]));
             }
         }
     }
-    found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    found.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     found.truncate(PEAKS);
-    found
+    Ok(found)
 }
 
 /// The part of a plane in a window, its mean taken out and faded to zero at its border.
@@ -257,7 +259,7 @@ impl<'a> Tapered<'a> {
         weight: Option<&'a Plane>,
         window: [(usize, usize); 2],
         fades: &'a mut [Vec<f32>; 2],
-    ) -> Self {
+    ) -> Result<Self> {
         let (columns, rows) = (window[0].0..window[0].1, window[1].0..window[1].1);
         let (mut sum, mut count) = (0.0f64, 0.0f64);
         for y in rows {
@@ -273,15 +275,15 @@ impl<'a> Tapered<'a> {
             }
         }
         for (fade, (low, high)) in fades.iter_mut().zip(window) {
-            write_fade(fade, high - low);
+            write_fade(fade, high - low)?;
         }
-        Self {
+        Ok(Self {
             plane,
             weight,
             window,
             mean: (sum / count.max(1.0)) as f32,
             fades,
-        }
+        })
     }
 
     /// Write row `y`, with zeros outside of the window; or say that it is zero.
@@ -308,18 +310,18 @@ impl<'a> Tapered<'a> {
 }
 
 /// Weights along `length` pixels: from 0 to 1 over the first quarter, and back over the last.
-fn write_fade(fade: &mut Vec<f32>, length: usize) {
+fn write_fade(fade: &mut Vec<f32>, length: usize) -> Result<()> {
     if fade.len() == length {
-        return;
+        return Ok(());
     }
     let border = (length as f32 / 4.0).max(1.0);
-    fade.clear();
-    fade.extend((0..length).map(|index| {
+    let values = (0..length).map(|index| {
         let distance = (index as f32 + 0.5).min(length as f32 - index as f32 - 0.5);
         if distance >= border {
             1.0
         } else {
             0.5 - 0.5 * (std::f32::consts::PI * distance / border).cos()
         }
-    }));
+    });
+    replace("a fade", fade, values)
 }

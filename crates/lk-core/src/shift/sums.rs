@@ -7,7 +7,9 @@ use std::ops::Range;
 
 use super::gram::{F_DIFFERENCE, F_GX, F_GY, F_MEAN, F_ONE, F_X, F_Y, Gram};
 use super::taps::{DERIVATIVE, RADIUS};
+use crate::error::Result;
 use crate::frame::Plane;
+use crate::memory::reserve;
 use crate::simd::{EIGHT, Eight, Packed};
 
 /// What is summed of each pixel: ten products of the gradients along x and along y, the mean and the difference; each of them; each times x; each times y; the weight times
@@ -43,14 +45,16 @@ pub(super) struct Tiling {
 impl Tiling {
     /// Cut a region of `region` columns and rows into tiles of about `size` pixels along a side; the last ones of each
     /// row and column may be up to half smaller or larger.
-    pub(super) fn cut(&mut self, region: [usize; 2], size: usize) {
+    pub(super) fn cut(&mut self, region: [usize; 2], size: usize) -> Result<()> {
         for (cuts, length) in [&mut self.columns, &mut self.rows].into_iter().zip(region) {
             let count = ((length + size / 2) / size).max(1);
             cuts.clear();
+            reserve("tiles", cuts, count + 1)?;
             cuts.extend((0..count).map(|index| index * size));
             cuts.push(length);
         }
         self.size = size as f32;
+        Ok(())
     }
 
     pub(super) fn across(&self) -> usize {

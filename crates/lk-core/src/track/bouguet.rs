@@ -6,9 +6,11 @@
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, expect_size};
+use crate::memory::resize;
 use crate::parallel::{RowsMut, for_each_band};
 use crate::pyramid::Pyramid;
 use crate::simd::{Level, dispatch_eight};
+use crate::track::POINTS;
 use crate::track::normal::Light;
 use crate::track::patch::{
     AbsoluteDifference, BorderScratch, BuildTemplate, Compare, MAX_WINDOW, Sampling, Template,
@@ -160,7 +162,8 @@ pub fn track_bouguet<T: Pixel>(
         found: false,
         error: 0.0,
     };
-    let mut tracks = vec![lost; points.len()];
+    let mut tracks = Vec::new();
+    resize(POINTS, &mut tracks, points.len(), lost)?;
     if prev.levels()[0].data().is_empty() {
         return Ok(tracks);
     }

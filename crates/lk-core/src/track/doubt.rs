@@ -1,6 +1,9 @@
 //! Which points a displacement alone does not explain: those that are lost, those whose window fits badly, and those
 //! that move unlike their neighbours.
 
+use crate::error::Result;
+use crate::memory::reserve;
+use crate::track::POINTS;
 use crate::track::grid::Grid;
 use crate::track::options::TrackedPoint;
 use crate::track::retry::is_hopeful;
@@ -33,7 +36,7 @@ pub(super) fn doubt(
     tracks: &[TrackedPoint],
     grid: &mut Grid,
     open: &mut Vec<u32>,
-) -> bool {
+) -> Result<bool> {
     let is_open = |index: usize| {
         let track = &tracks[index];
         if track.is_valid() {
@@ -56,24 +59,25 @@ pub(super) fn doubt(
     };
     open.clear();
     if points.len() < OPEN_POINTS {
-        return false;
+        return Ok(false);
     }
     let plain = enough(1, count(1, &is_open));
-    grid.fill(problem.size(), points, |index| tracks[index].is_valid());
+    grid.fill(problem.size(), points, |index| tracks[index].is_valid())?;
     let reach = REACH * problem.options.window_side() as f32;
     let apart = |index: usize| {
         is_open(index)
             || tracks[index].is_valid() && moves_apart(points, tracks, grid, reach, index)
     };
     if !plain && !enough(SAMPLE, count(SAMPLE, &apart)) {
-        return false;
+        return Ok(false);
     }
+    reserve(POINTS, open, points.len())?;
     open.extend(
         (0..points.len())
             .filter(|index| apart(*index))
             .map(|index| index as u32),
     );
-    enough(1, (open.len(), count(1, &apart).1))
+    Ok(enough(1, (open.len(), count(1, &apart).1)))
 }
 
 /// Whether the neighbours of a tracked point move otherwise than it does.

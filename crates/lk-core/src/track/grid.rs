@@ -1,5 +1,9 @@
 //! Points by the cell of a grid, to find those near a place.
 
+use crate::error::Result;
+use crate::memory::{reserve, resize};
+use crate::track::POINTS;
+
 /// Neighbours asked.
 pub(super) const NEIGHBOURS: usize = 3;
 
@@ -21,10 +25,10 @@ pub(super) struct Grid {
 
 impl Grid {
     /// Make room for so many points.
-    pub(super) fn reserve(&mut self, points: usize) {
+    pub(super) fn reserve(&mut self, points: usize) -> Result<()> {
         // About one cell a point; what is cut off at two borders makes it more.
-        reserve(&mut self.heads, 2 * points + 64);
-        reserve(&mut self.links, points);
+        reserve(POINTS, &mut self.heads, 2 * points + 64)?;
+        reserve(POINTS, &mut self.links, points)
     }
 
     /// Take the points for which `member` is true; they lie within `size`.
@@ -33,7 +37,7 @@ impl Grid {
         (width, height): (usize, usize),
         points: &[[f32; 2]],
         member: impl Fn(usize) -> bool,
-    ) {
+    ) -> Result<()> {
         let found = (0..points.len()).filter(|index| member(*index)).count();
         self.cell = ((width * height) as f32 / found.max(1) as f32)
             .sqrt()
@@ -41,9 +45,9 @@ impl Grid {
         self.columns = (width as f32 / self.cell).ceil().max(1.0) as usize;
         self.rows = (height as f32 / self.cell).ceil().max(1.0) as usize;
         self.heads.clear();
-        self.heads.resize(self.columns * self.rows, NONE);
+        resize(POINTS, &mut self.heads, self.columns * self.rows, NONE)?;
         self.links.clear();
-        self.links.resize(points.len(), NONE);
+        resize(POINTS, &mut self.links, points.len(), NONE)?;
         for (index, point) in points.iter().enumerate() {
             if member(index) {
                 let (column, row) = self.place(*point);
@@ -52,6 +56,7 @@ impl Grid {
                 *head = index as u32;
             }
         }
+        Ok(())
     }
 
     fn place(&self, [x, y]: [f32; 2]) -> (usize, usize) {
@@ -112,9 +117,4 @@ impl Grid {
             link = self.links[index];
         }
     }
-}
-
-/// Make room for `count` elements in all.
-pub(super) fn reserve<T>(memory: &mut Vec<T>, count: usize) {
-    memory.reserve(count.saturating_sub(memory.len()));
 }

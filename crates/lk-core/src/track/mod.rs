@@ -17,6 +17,7 @@ mod options;
 mod patch;
 mod retry;
 mod search;
+mod snapshot;
 mod solve;
 mod spread;
 mod stream;
@@ -31,15 +32,20 @@ use ndarray::ArrayView2;
 
 pub use bouguet::{BouguetOptions, BouguetPoint, track_bouguet};
 pub use options::{PointStatus, TrackOptions, TrackedPoint};
+pub use snapshot::TrackerSnapshot;
 pub use stream::{PointTracker, StreamPoint};
 
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel, expect_size};
+use crate::memory::resize;
 use crate::parallel::{RowsMut, both, for_each_band, within_pool};
 use crate::pyramid::Pyramid;
 use retry::Memory;
 use solve::{Problem, Workspace};
 use witness::drop_the_lonely;
+
+/// What memory for points holds.
+const POINTS: &str = "points";
 
 /// Points that one thread takes at least: some 50 us of work.
 const MIN_POINTS: usize = 16;
@@ -168,7 +174,8 @@ fn track_keeping(
         expect_size("mask", mask.dim(), "the frames", (height, width))?;
     }
     tracks.clear();
-    tracks.resize(points.len(), TrackedPoint::lost(PointStatus::OutOfFrame));
+    let lost = TrackedPoint::lost(PointStatus::OutOfFrame);
+    resize(POINTS, tracks, points.len(), lost)?;
     if width == 0 || height == 0 {
         return Ok(());
     }
@@ -201,8 +208,7 @@ fn track_keeping(
     )?;
     memory.retry(&problem, points, tracks)?;
     memory.deformed.find(&problem, points, tracks)?;
-    drop_the_lonely(&problem, points, tracks, &mut memory.grid);
-    Ok(())
+    drop_the_lonely(&problem, points, tracks, &mut memory.grid)
 }
 
 /// Whether the pixel that `point` is in is excluded.

@@ -5,9 +5,11 @@
 //! correlation offers instead is only a start: the point is tracked from it, and judged like any other.
 
 use crate::error::Result;
+use crate::memory::{replace, reserve, resize};
 use crate::parallel::{RowsMut, for_each_band};
 use crate::seeds::Seeds;
-use crate::track::grid::{Grid, NEIGHBOURS, reserve};
+use crate::track::POINTS;
+use crate::track::grid::{Grid, NEIGHBOURS};
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::solve::{Problem, Workspace};
 use crate::track::spread::Deformed;
@@ -53,12 +55,12 @@ pub(super) fn is_hopeful(status: PointStatus) -> bool {
 
 impl Memory {
     /// Make room for so many points.
-    pub(crate) fn reserve(&mut self, points: usize) {
-        reserve(&mut self.pending, points);
-        reserve(&mut self.waiting, points);
-        reserve(&mut self.results, points);
-        self.grid.reserve(points);
-        self.deformed.reserve(points);
+    pub(crate) fn reserve(&mut self, points: usize) -> Result<()> {
+        reserve(POINTS, &mut self.pending, points)?;
+        reserve(POINTS, &mut self.waiting, points)?;
+        reserve(POINTS, &mut self.results, points)?;
+        self.grid.reserve(points)?;
+        self.deformed.reserve(points)
     }
 
     /// Try the lost ones of `tracks` again.
@@ -69,6 +71,7 @@ impl Memory {
         tracks: &mut [TrackedPoint],
     ) -> Result<()> {
         self.pending.clear();
+        reserve(POINTS, &mut self.pending, points.len())?;
         let mut found = 0usize;
         for (index, (track, point)) in tracks.iter().zip(points).enumerate() {
             found += usize::from(track.is_valid());
@@ -111,8 +114,8 @@ impl Memory {
             return Ok(true);
         }
         std::mem::swap(&mut self.pending, &mut self.waiting);
-        self.pending.clear();
-        self.pending.extend(self.waiting.iter().step_by(SAMPLE));
+        let some = self.waiting.iter().step_by(SAMPLE).copied();
+        replace(POINTS, &mut self.pending, some)?;
         let tried = self.pending.len();
         let new = self.round(problem, points, tracks, true)?;
         std::mem::swap(&mut self.pending, &mut self.waiting);
@@ -131,11 +134,11 @@ impl Memory {
     ) -> Result<usize> {
         let seen: &[TrackedPoint] = tracks;
         self.grid
-            .fill(problem.size(), points, |index| seen[index].is_valid());
+            .fill(problem.size(), points, |index| seen[index].is_valid())?;
         let (pending, seeds, grid) = (&self.pending, &self.seeds, &self.grid);
         self.results.clear();
-        self.results
-            .resize(pending.len(), TrackedPoint::lost(PointStatus::HighResidual));
+        let lost = TrackedPoint::lost(PointStatus::HighResidual);
+        resize(POINTS, &mut self.results, pending.len(), lost)?;
         for_each_band(
             &problem.options.execution,
             pending.len(),

@@ -3,6 +3,7 @@
 //!
 //! One patch costs some 0.3 ms, so it is asked of a few points only, from which the others find their way.
 
+use crate::error::Result;
 use crate::frame::Plane;
 use crate::scratch::with_scratch;
 use crate::simd::{Kernel, Level, dispatch};
@@ -57,8 +58,8 @@ pub(super) struct SearchMemory {
 
 impl SearchMemory {
     /// Make room for any level that is searched.
-    pub(super) fn reserve(&mut self) {
-        self.scale.resize(LONGEST, LONGEST);
+    pub(super) fn reserve(&mut self) -> Result<()> {
+        self.scale.resize(LONGEST, LONGEST)
     }
 }
 
@@ -98,7 +99,7 @@ impl<'a> Search<'a> {
         next: &'a [Plane],
         longest: Option<f32>,
         simd: Level,
-    ) -> Self {
+    ) -> Result<Self> {
         let level = prev
             .iter()
             .position(|plane| plane.width().max(plane.height()) <= LONGEST)
@@ -109,15 +110,15 @@ impl<'a> Search<'a> {
         });
         let reach = [next.width(), next.height()]
             .map(|size| (size as f64 * RANGE).min(limit).ceil() as isize);
-        deviations(next, &mut memory.scale);
-        Self {
+        deviations(next, &mut memory.scale)?;
+        Ok(Self {
             prev,
             next,
             level,
             simd,
             reach,
             scale: &memory.scale,
-        }
+        })
     }
 
     /// The level whose pixels the search knows.
@@ -127,7 +128,7 @@ impl<'a> Search<'a> {
 
     /// Where the patch around `point`, in pixels of the frame, may have gone; the best first. The shifts are in pixels
     /// of the frame, right to about one of the level.
-    pub(super) fn find(&self, point: [f32; 2], mut found: impl FnMut(Warp)) {
+    pub(super) fn find(&self, point: [f32; 2], mut found: impl FnMut(Warp)) -> Result<()> {
         let factor = f64::from(1u32 << self.level);
         let centre = point.map(|coordinate| f64::from(coordinate) / factor);
         let whole = centre.map(|coordinate| coordinate.round() as isize);
@@ -141,7 +142,7 @@ impl<'a> Search<'a> {
         let (Some((left, columns)), Some((top, rows))) =
             (within(0, self.next.width()), within(1, self.next.height()))
         else {
-            return;
+            return Ok(());
         };
         let mut places = Places {
             list: [(f32::MIN, Warp::shift([0.0; 2])); PLACES],
@@ -192,10 +193,11 @@ impl<'a> Search<'a> {
                     }
                 }
             }
-        });
+        })?;
         for (_, warp) in &places.list[..places.count] {
             found(warp.scaled(factor));
         }
+        Ok(())
     }
 }
 
@@ -216,9 +218,9 @@ fn normalise(patch: &mut [f32; AREA]) -> bool {
 }
 
 /// One over the length of each patch of `plane` without its mean, by its middle.
-fn deviations(plane: &Plane, lengths: &mut Plane) {
+fn deviations(plane: &Plane, lengths: &mut Plane) -> Result<()> {
     let (width, height) = (plane.width(), plane.height());
-    lengths.resize(width, height);
+    lengths.resize(width, height)?;
     lengths.data_mut().fill(0.0);
     let half = SIDE / 2;
     for y in half..height.saturating_sub(half) {
@@ -238,6 +240,7 @@ fn deviations(plane: &Plane, lengths: &mut Plane) {
             }
         }
     }
+    Ok(())
 }
 
 /// The products of a patch with those of a row, from the one with its top left pixel at `first` on.

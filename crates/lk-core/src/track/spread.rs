@@ -4,11 +4,13 @@
 //! affine motion that goes on beyond its window. Each point is judged by itself, and must agree with those around it.
 
 use crate::error::Result;
+use crate::memory::{replace, reserve, resize};
 use crate::parallel::{RowsMut, for_each_band};
+use crate::track::POINTS;
 use crate::track::affine::Aligner;
 use crate::track::deform::{Found, Starts};
 use crate::track::doubt::doubt;
-use crate::track::grid::{Grid, NEIGHBOURS, reserve};
+use crate::track::grid::{Grid, NEIGHBOURS};
 use crate::track::options::TrackedPoint;
 use crate::track::search::{Search, SearchMemory};
 use crate::track::solve::Problem;
@@ -79,15 +81,16 @@ struct Attempt {
 
 impl Deformed {
     /// Make room for so many points.
-    pub(super) fn reserve(&mut self, points: usize) {
-        reserve(&mut self.states, points);
-        reserve(&mut self.open, points);
-        reserve(&mut self.waiting, points);
-        reserve(&mut self.later, CELLS.0 * CELLS.1);
-        reserve(&mut self.found, points);
-        self.grid.reserve(points);
-        self.search.reserve();
+    pub(super) fn reserve(&mut self, points: usize) -> Result<()> {
+        reserve(POINTS, &mut self.states, points)?;
+        reserve(POINTS, &mut self.open, points)?;
+        reserve(POINTS, &mut self.waiting, points)?;
+        reserve(POINTS, &mut self.later, CELLS.0 * CELLS.1)?;
+        reserve(POINTS, &mut self.found, points)?;
+        self.grid.reserve(points)?;
+        self.search.reserve()?;
         Aligner::with(|_| ());
+        Ok(())
     }
 
     /// Look again for the points of `tracks` that are lost or doubtful.
@@ -97,10 +100,9 @@ impl Deformed {
         points: &[[f32; 2]],
         tracks: &mut [TrackedPoint],
     ) -> Result<()> {
-        if !doubt(problem, points, tracks, &mut self.grid, &mut self.open) {
+        if !doubt(problem, points, tracks, &mut self.grid, &mut self.open)? {
             return Ok(());
         }
-        self.states.clear();
         let state = |(track, point): (&TrackedPoint, &[f32; 2])| State {
             warp: track
                 .is_valid()
@@ -111,7 +113,8 @@ impl Deformed {
             leaves: false,
             followed: [NONE; NEIGHBOURS],
         };
-        self.states.extend(tracks.iter().zip(points).map(state));
+        let states = tracks.iter().zip(points).map(state);
+        replace(POINTS, &mut self.states, states)?;
         // What is doubtful leads nowhere.
         for index in &self.open {
             self.states[*index as usize].warp = None;
@@ -126,7 +129,7 @@ impl Deformed {
             problem.next,
             problem.options.max_displacement,
             problem.level,
-        );
+        )?;
         for _ in 0..SEARCHES {
             if !self.search(problem, points, tracks, &search)? {
                 break;
@@ -134,8 +137,7 @@ impl Deformed {
             self.spread(problem, points, tracks, reach)?;
         }
         self.search = memory;
-        self.confirm(problem, points, tracks);
-        Ok(())
+        self.confirm(problem, points, tracks)
     }
 
     /// Follow the motion of found points to their open neighbours, until nothing is found any more.
@@ -149,7 +151,7 @@ impl Deformed {
         for round in 0..ROUNDS {
             let states = &self.states;
             self.grid
-                .fill(problem.size(), points, |index| states[index].warp.is_some());
+                .fill(problem.size(), points, |index| states[index].warp.is_some())?;
             let take = |states: &[State], grid: &Grid, index: usize, aligner: &mut Aligner| {
                 let (point, state) = (points[index], &states[index]);
                 let mut starts = Starts::new();
@@ -178,12 +180,12 @@ impl Deformed {
                         starts.add(Warp::shift(state.before.displacement(point)), OWN_LEVEL);
                     }
                 }
-                Attempt {
+                Ok(Attempt {
                     tried: !starts.list().is_empty(),
                     leaves,
                     followed,
                     found: problem.deform(point, &state.before, starts.list(), aligner),
-                }
+                })
             };
             let new = self.run(problem, tracks, &take)?;
             if new == 0 {
@@ -244,14 +246,14 @@ impl Deformed {
         let take = |states: &[State], _: &Grid, index: usize, aligner: &mut Aligner| {
             let point = points[index];
             let mut starts = Starts::new();
-            search.find(point, |warp| starts.add(warp, search.level()));
+            search.find(point, |warp| starts.add(warp, search.level()))?;
             let state = &states[index];
-            Attempt {
+            Ok(Attempt {
                 tried: true,
                 leaves: state.leaves,
                 followed: state.followed,
                 found: problem.deform(point, &state.before, starts.list(), aligner),
-            }
+            })
         };
         let mut new = 0;
         if self.open.len() > FIRST_CELLS {
@@ -287,19 +289,17 @@ impl Deformed {
         &mut self,
         problem: &Problem<'_>,
         tracks: &mut [TrackedPoint],
-        take: &(impl Fn(&[State], &Grid, usize, &mut Aligner) -> Attempt + Sync),
+        take: &(impl Fn(&[State], &Grid, usize, &mut Aligner) -> Result<Attempt> + Sync),
     ) -> Result<usize> {
         let (open, states, grid) = (&self.open, &self.states, &self.grid);
         self.found.clear();
-        self.found.resize(
-            open.len(),
-            Attempt {
-                tried: false,
-                leaves: false,
-                followed: [NONE; NEIGHBOURS],
-                found: None,
-            },
-        );
+        let none = Attempt {
+            tried: false,
+            leaves: false,
+            followed: [NONE; NEIGHBOURS],
+            found: None,
+        };
+        resize(POINTS, &mut self.found, open.len(), none)?;
         for_each_band(
             &problem.options.execution,
             open.len(),
@@ -308,9 +308,10 @@ impl Deformed {
             |range, part| {
                 Aligner::with(|aligner| {
                     for (attempt, entry) in part.data.iter_mut().zip(range) {
-                        *attempt = take(states, grid, open[entry] as usize, aligner);
+                        *attempt = take(states, grid, open[entry] as usize, aligner)?;
                     }
-                });
+                    Ok(())
+                })
             },
         )?;
         let mut kept = 0;
@@ -336,10 +337,15 @@ impl Deformed {
     }
 
     /// Take back what the points around do not confirm.
-    fn confirm(&mut self, problem: &Problem<'_>, points: &[[f32; 2]], tracks: &mut [TrackedPoint]) {
+    fn confirm(
+        &mut self,
+        problem: &Problem<'_>,
+        points: &[[f32; 2]],
+        tracks: &mut [TrackedPoint],
+    ) -> Result<()> {
         let states = &self.states;
         self.grid
-            .fill(problem.size(), points, |index| states[index].warp.is_some());
+            .fill(problem.size(), points, |index| states[index].warp.is_some())?;
         for (index, point) in points.iter().enumerate() {
             let State { warp, deformed, .. } = self.states[index];
             let Some(warp) = warp.filter(|_| deformed) else {
@@ -360,5 +366,6 @@ impl Deformed {
                 tracks[index] = self.states[index].before;
             }
         }
+        Ok(())
     }
 }

@@ -4,13 +4,13 @@ use ndarray::ArrayView2;
 
 use crate::corners::{Corner, CornerDetector, CornerOptions};
 use crate::error::{Error, Result};
-use crate::frame::{Frame, Pixel, expect_size};
+use crate::frame::{Frame, Pixel, expect_size, pixels_of};
+use crate::memory::{reserve, resize};
 use crate::parallel::within_pool;
 use crate::pyramid::Pyramid;
-use crate::track::grid::reserve;
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
 use crate::track::retry::Memory;
-use crate::track::{Guesses, masked, track_keeping};
+use crate::track::{Guesses, POINTS, masked, track_keeping};
 
 /// Share of the points that must be lost at once for a scene cut: a point that seems to survive one is chance.
 const CUT_SHARE: f32 = 0.8;
@@ -23,6 +23,9 @@ const REFILL_SHARE: f32 = 0.9;
 
 /// There are hardly more local maxima of the response than one in so many pixels.
 const PIXELS_A_CORNER: usize = 8;
+
+/// Room for more points is made when they are there, not before.
+const MOST_RESERVED: usize = 1 << 16;
 
 /// One row of what [`PointTracker::update`] gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,9 +41,9 @@ pub struct StreamPoint {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Alive {
-    id: u64,
-    age: u32,
+pub(super) struct Alive {
+    pub(super) id: u64,
+    pub(super) age: u32,
 }
 
 /// Tracks points from frame to frame. Each pyramid is built once, and after the second frame of a size nothing is
@@ -57,21 +60,21 @@ struct Alive {
 /// ```
 #[derive(Debug)]
 pub struct PointTracker {
-    options: TrackOptions,
+    pub(super) options: TrackOptions,
     corner_options: CornerOptions,
     detector: CornerDetector,
     corners: Vec<Corner>,
-    prev: Pyramid,
+    pub(super) prev: Pyramid,
     next: Pyramid,
-    size: Option<(usize, usize)>,
-    alive: Vec<Alive>,
-    points: Vec<[f32; 2]>,
+    pub(super) size: Option<(usize, usize)>,
+    pub(super) alive: Vec<Alive>,
+    pub(super) points: Vec<[f32; 2]>,
     tracks: Vec<TrackedPoint>,
     memory: Memory,
     rows: Vec<StreamPoint>,
     occupied: Vec<bool>,
-    next_id: u64,
-    scene_cut: bool,
+    pub(super) next_id: u64,
+    pub(super) scene_cut: bool,
 }
 
 impl PointTracker {
@@ -122,8 +125,8 @@ impl PointTracker {
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`] if the frame is not of the size of those before, or the mask not of the frame's; those of the
-    /// execution. The tracker then stands where it stood before.
+    /// [`Error::Shape`] if the frame is not of the size of those before, or the mask not of the frame's;
+    /// [`Error::Memory`]; those of the execution. The tracker then stands where it stood before.
     pub fn update<T: Pixel>(
         &mut self,
         frame: Frame<'_, T>,
@@ -144,13 +147,20 @@ impl PointTracker {
         if let Some(mask) = mask {
             expect_size("mask", mask.dim(), "the frame", (height, width))?;
         }
+        let pixels = pixels_of("frame", (height, width))?;
         if self.size.is_none() {
-            self.reserve(width * height);
+            self.reserve(pixels)?;
         }
         let levels = self.options.levels_for(width, height);
         // The same setting as in `self`, which the work below has for itself.
         let execution = self.options.execution.clone();
-        within_pool(&execution, || self.follow(frame, mask, levels))?;
+        let followed = within_pool(&execution, || self.follow(frame, mask, levels));
+        if followed.as_ref().is_err_and(Error::is_memory) {
+            // Others may need it, and what is tracked next may be smaller.
+            (self.next, self.memory) = (Pyramid::default(), Memory::default());
+            self.detector = CornerDetector::default();
+        }
+        followed?;
         self.size = Some((height, width));
         std::mem::swap(&mut self.prev, &mut self.next);
         Ok(&self.rows)
@@ -180,28 +190,42 @@ impl PointTracker {
         } else {
             self.tracks.clear();
         }
-        self.keep(mask);
-        self.replenish(mask)
+        let (living, cut) = self.judge(mask);
+        let cells = self.seek(living, mask)?;
+        // From here on nothing fails, so that an error leaves the points as they were.
+        self.scene_cut = cut;
+        self.keep();
+        if let Some(cells) = &cells {
+            self.take_new(cells);
+        }
+        Ok(())
     }
 
     /// Make room for all points of frames of so many pixels, so that later frames allocate nothing.
-    fn reserve(&mut self, pixels: usize) {
-        let points = match self.corner_options.max_corners {
-            0 => pixels / PIXELS_A_CORNER,
-            corners => corners,
-        };
-        reserve(&mut self.corners, points);
-        reserve(&mut self.alive, points);
-        reserve(&mut self.points, points);
-        reserve(&mut self.tracks, points);
+    pub(super) fn reserve(&mut self, pixels: usize) -> Result<()> {
+        let maxima = pixels / PIXELS_A_CORNER;
+        let points = self.wanted(pixels).min(maxima).min(MOST_RESERVED);
+        reserve(POINTS, &mut self.corners, points)?;
+        reserve(POINTS, &mut self.alive, points)?;
+        reserve(POINTS, &mut self.points, points)?;
+        reserve(POINTS, &mut self.tracks, points)?;
         // Those that were lost and those that replace them.
-        reserve(&mut self.rows, 2 * points);
-        self.memory.reserve(points);
-        self.detector.reserve(pixels / PIXELS_A_CORNER);
+        reserve(POINTS, &mut self.rows, 2 * points)?;
+        self.memory.reserve(points)?;
+        self.detector.reserve(maxima)
     }
 
-    /// Write a row for each old point, and keep those that live.
-    fn keep(&mut self, mask: Option<ArrayView2<'_, bool>>) {
+    /// How many points there are to be in a frame of so many pixels, which holds no more than one in each.
+    fn wanted(&self, pixels: usize) -> usize {
+        match self.corner_options.max_corners {
+            0 => pixels,
+            corners => corners.min(pixels),
+        }
+    }
+
+    /// Declare lost what the mask or a cut of the scene excludes; how many points live on, and whether there
+    /// is a cut.
+    fn judge(&mut self, mask: Option<ArrayView2<'_, bool>>) -> (usize, bool) {
         for track in &mut self.tracks {
             if track.is_valid() && mask.is_some_and(|mask| masked(mask, track.position)) {
                 *track = TrackedPoint::lost(PointStatus::Masked);
@@ -214,21 +238,57 @@ impl PointTracker {
             total += usize::from(judged(track.status));
             lost += usize::from(judged(track.status) && !track.is_valid());
         }
-        self.scene_cut = total >= CUT_POINTS && lost as f32 >= CUT_SHARE * total as f32;
+        let cut = total >= CUT_POINTS && lost as f32 >= CUT_SHARE * total as f32;
+        if cut {
+            for track in self.tracks.iter_mut().filter(|track| track.is_valid()) {
+                *track = TrackedPoint::lost(PointStatus::HighResidual);
+            }
+        }
+        let living = self.tracks.iter().filter(|track| track.is_valid());
+        (living.count(), cut)
+    }
+
+    /// Look for corners if too few points live, and make room for what comes of them; the cells of a grid, if so.
+    fn seek(&mut self, living: usize, mask: Option<ArrayView2<'_, bool>>) -> Result<Option<Cells>> {
+        self.corners.clear();
+        let mut cells = None;
+        if let Some(plane) = self.next.levels().first() {
+            let size = (plane.width(), plane.height());
+            let wanted = self.wanted(size.0 * size.1);
+            if wanted > 0 && (living as f32) < REFILL_SHARE * wanted as f32 {
+                // Cells that hold one point each if the wanted ones were spread evenly.
+                let even = ((size.0 * size.1) as f32 / wanted as f32).sqrt();
+                let found = Cells::new(size, even.max(self.corner_options.min_distance).max(1.0));
+                self.occupied.clear();
+                resize(POINTS, &mut self.occupied, found.count(), false)?;
+                for track in self.tracks.iter().filter(|track| track.is_valid()) {
+                    self.occupied[found.of(track.position)] = true;
+                }
+                self.detector
+                    .detect_in(plane, mask, &self.corner_options, &mut self.corners)?;
+                let all = (living + self.corners.len()).min(wanted.max(living));
+                reserve(POINTS, &mut self.alive, all)?;
+                reserve(POINTS, &mut self.points, all)?;
+                cells = Some(found);
+            }
+        }
+        let rows = self.tracks.len() + self.corners.len();
+        reserve(POINTS, &mut self.rows, rows)?;
+        Ok(cells)
+    }
+
+    /// Write a row for each old point, and keep those that live.
+    fn keep(&mut self) {
         self.rows.clear();
         let mut living = 0;
-        for index in 0..self.tracks.len() {
-            let mut track = self.tracks[index];
-            if self.scene_cut && track.is_valid() {
-                track = TrackedPoint::lost(PointStatus::HighResidual);
-            }
+        for (index, track) in self.tracks.iter().enumerate() {
             let Alive { id, age } = self.alive[index];
             let age = age.saturating_add(1);
             self.rows.push(StreamPoint {
                 id,
                 age,
                 origin: self.points[index],
-                track,
+                track: *track,
             });
             if track.is_valid() {
                 self.alive[living] = Alive { id, age };
@@ -240,36 +300,9 @@ impl PointTracker {
         self.points.truncate(living);
     }
 
-    /// Find new points in the cells of a grid that have none.
-    fn replenish(&mut self, mask: Option<ArrayView2<'_, bool>>) -> Result<()> {
-        let Some(plane) = self.next.levels().first() else {
-            return Ok(());
-        };
-        let (width, height) = (plane.width(), plane.height());
-        let wanted = match self.corner_options.max_corners {
-            0 => usize::MAX,
-            corners => corners,
-        };
-        if width * height == 0 || self.points.len() as f32 >= REFILL_SHARE * wanted as f32 {
-            return Ok(());
-        }
-        // Cells that hold one point each if the wanted ones were spread evenly.
-        let even = ((width * height) as f32 / wanted as f32).sqrt();
-        let cell = even.max(self.corner_options.min_distance).max(1.0);
-        let columns = (width as f32 / cell).ceil() as usize;
-        let rows = (height as f32 / cell).ceil() as usize;
-        let cell_of = |[x, y]: [f32; 2]| {
-            let column = ((x / cell) as usize).min(columns - 1);
-            let row = ((y / cell) as usize).min(rows - 1);
-            row * columns + column
-        };
-        self.occupied.clear();
-        self.occupied.resize(columns * rows, false);
-        for point in &self.points {
-            self.occupied[cell_of(*point)] = true;
-        }
-        self.detector
-            .detect_in(plane, mask, &self.corner_options, &mut self.corners)?;
+    /// Take the corners that stand in cells without a point, and not too near to one.
+    fn take_new(&mut self, cells: &Cells) {
+        let wanted = self.wanted(cells.pixels());
         let old = self.points.len();
         let limit = self.corner_options.min_distance * self.corner_options.min_distance;
         for corner in &self.corners {
@@ -281,7 +314,7 @@ impl PointTracker {
                 let (dx, dy) = (point[0] - position[0], point[1] - position[1]);
                 dx * dx + dy * dy < limit
             };
-            if self.occupied[cell_of(position)] || self.points[..old].iter().any(near) {
+            if self.occupied[cells.of(position)] || self.points[..old].iter().any(near) {
                 continue;
             }
             let id = self.next_id;
@@ -298,6 +331,41 @@ impl PointTracker {
                 },
             });
         }
-        Ok(())
+    }
+}
+
+/// Square cells over a frame.
+struct Cells {
+    /// Columns and rows of the frame.
+    size: (usize, usize),
+    side: f32,
+    columns: usize,
+    rows: usize,
+}
+
+impl Cells {
+    fn new(size: (usize, usize), side: f32) -> Self {
+        let [columns, rows] = [size.0, size.1].map(|length| (length as f32 / side).ceil() as usize);
+        Self {
+            size,
+            side,
+            columns,
+            rows,
+        }
+    }
+
+    fn pixels(&self) -> usize {
+        self.size.0 * self.size.1
+    }
+
+    fn count(&self) -> usize {
+        self.columns * self.rows
+    }
+
+    /// The cell of a place within the frame.
+    fn of(&self, [x, y]: [f32; 2]) -> usize {
+        let column = ((x / self.side) as usize).min(self.columns - 1);
+        let row = ((y / self.side) as usize).min(self.rows - 1);
+        row * self.columns + column
     }
 }

@@ -1,6 +1,7 @@
 //! What is left where nearly all points are lost: a window that finds its like between frames with nothing in common is
 //! chance, and stands alone.
 
+use crate::error::Result;
 use crate::track::grid::Grid;
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::retry::is_hopeful;
@@ -29,7 +30,7 @@ pub(super) fn drop_the_lonely(
     points: &[[f32; 2]],
     tracks: &mut [TrackedPoint],
     grid: &mut Grid,
-) {
+) -> Result<()> {
     let (mut lost, mut tracked) = (0usize, 0usize);
     for (track, point) in tracks.iter().zip(points) {
         tracked += usize::from(track.is_valid());
@@ -37,9 +38,9 @@ pub(super) fn drop_the_lonely(
     }
     let judged = lost + tracked;
     if tracked == 0 || judged < LEAST_POINTS || (lost as f32) < LOST_SHARE * judged as f32 {
-        return;
+        return Ok(());
     }
-    grid.fill(problem.size(), points, |index| tracks[index].is_valid());
+    grid.fill(problem.size(), points, |index| tracks[index].is_valid())?;
     for index in 0..points.len() {
         if !tracks[index].is_valid() {
             continue;
@@ -70,4 +71,5 @@ pub(super) fn drop_the_lonely(
             };
         }
     }
+    Ok(())
 }

@@ -13,7 +13,7 @@ use crate::simd::Level;
 /// A grid of pseudo-random values within `-most..most`.
 pub(super) fn noise(width: usize, height: usize, seed: u32, most: f32) -> Grid {
     let mut grid = Grid::default();
-    grid.resize(width, height);
+    grid.resize(width, height).unwrap();
     let mut state = seed.wrapping_mul(747_796_405).wrapping_add(1);
     for y in 0..height {
         let row = grid.padded_mut(y);
@@ -124,7 +124,7 @@ pub(super) fn reference_step(
 }
 
 pub(super) fn plane(grid: &Grid, scale: f32) -> Plane {
-    let mut plane = Plane::new(grid.width(), grid.height());
+    let mut plane = Plane::new(grid.width(), grid.height()).unwrap();
     for y in 0..grid.height() {
         for (to, from) in plane.row_mut(y).iter_mut().zip(grid.row(y)) {
             *to = 100.0 + scale * from;

@@ -12,7 +12,7 @@ use crate::execution::Execution;
 /// The first `width` columns.
 fn left(grid: &Grid, width: usize) -> Grid {
     let mut part = Grid::default();
-    part.resize(width, grid.height());
+    part.resize(width, grid.height()).unwrap();
     for y in 0..grid.height() {
         let row = part.padded_mut(y);
         row[PAD..PAD + width].copy_from_slice(&grid.row(y)[..width]);

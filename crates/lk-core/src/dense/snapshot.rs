@@ -1,0 +1,123 @@
+//! What dense flow knows of the frame before, to go on with it elsewhere or later.
+
+use ndarray::ArrayView2;
+
+use crate::error::{Error, Result};
+use crate::frame::Plane;
+use crate::grey::Greys;
+
+use super::{DenseFlow, Source};
+
+/// What a [`DenseFlow`] knows of the frame before, to the bit: one of the same options that is given it goes on as the
+/// first would have.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DenseSnapshot {
+    /// Its grey levels times `scale`; pixels that are not finite have those of a neighbour.
+    pub frame: Plane,
+    /// 1 where the frame is finite, 0 elsewhere; of no size where it is finite everywhere.
+    pub finite: Plane,
+    /// The power of two.
+    pub scale: f32,
+    /// The least and the largest finite grey level, without `scale`.
+    pub extremes: Option<[f32; 2]>,
+    /// Whether every pixel is finite.
+    pub all_finite: bool,
+}
+
+impl DenseSnapshot {
+    fn validate(&self) -> Result<()> {
+        let (size, finite) = (size_of(&self.frame), size_of(&self.finite));
+        if finite != size && finite != (0, 0) {
+            return Err(Error::shape(
+                "finite",
+                format!("{finite:?}"),
+                format!("the shape of the frame, {size:?}, or nothing"),
+            ));
+        }
+        let scale = self.scale;
+        if !(scale > 0.0 && scale.is_normal() && scale.recip().is_normal()) {
+            return Err(Error::option("scale", scale, "a power of two"));
+        }
+        let [low, high] = self.extremes.unwrap_or_default();
+        if !(low.is_finite() && high.is_finite() && low <= high) {
+            let got = format!("{low}, {high}");
+            return Err(Error::option("extremes", got, "two finite numbers in order"));
+        }
+        if !self.frame.data().iter().all(|value| value.is_finite()) {
+            return Err(Error::option("frame", "NaN or infinity", "finite numbers"));
+        }
+        Ok(())
+    }
+}
+
+/// Rows and columns.
+fn size_of(plane: &Plane) -> (usize, usize) {
+    (plane.height(), plane.width())
+}
+
+impl DenseFlow {
+    /// What is known of the frame before; `None` before the first one.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Memory`].
+    ///
+    /// ```
+    /// use lk_core::{DenseFlow, DenseHints, DenseOptions, FlowField};
+    /// use ndarray::Array2;
+    ///
+    /// let (first, second) = (Array2::<u8>::zeros((40, 60)), Array2::<u8>::ones((40, 60)));
+    /// let mut flow = DenseFlow::new(DenseOptions::default())?;
+    /// let mut field = FlowField::default();
+    /// flow.update(first.view(), DenseHints::default(), &mut field)?;
+    /// let mut other = DenseFlow::new(DenseOptions::default())?;
+    /// other.restore(flow.snapshot()?.as_ref())?;
+    /// assert!(other.update(second.view(), DenseHints::default(), &mut field)?);
+    /// # Ok::<(), lk_core::Error>(())
+    /// ```
+    pub fn snapshot(&self) -> Result<Option<DenseSnapshot>> {
+        let source = &self.next;
+        let Some(finest) = source.pyramid.levels().first().filter(|_| self.primed) else {
+            return Ok(None);
+        };
+        let (mut frame, mut finite) = (Plane::default(), Plane::default());
+        frame.copy_of(finest)?;
+        finite.copy_of(&source.finite)?;
+        let (extremes, all_finite) = source.greys.parts();
+        Ok(Some(DenseSnapshot {
+            frame,
+            finite,
+            scale: source.scale,
+            extremes,
+            all_finite,
+        }))
+    }
+
+    /// Take over what another knew of the frame before; nothing, if it knew of none.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] or [`Error::Option`] if the snapshot contradicts itself, [`Error::Memory`], those of the execution.
+    /// After an error the next frame is a first one.
+    pub fn restore(&mut self, snapshot: Option<&DenseSnapshot>) -> Result<()> {
+        self.primed = false;
+        let Some(snapshot) = snapshot else {
+            return Ok(());
+        };
+        snapshot.validate()?;
+        let size = size_of(&snapshot.frame);
+        let (levels, execution) = (self.levels(size), self.execution(size.0 * size.1));
+        let frame = ArrayView2::from_shape(size, snapshot.frame.data())
+            .map_err(|error| Error::shape("frame", error.to_string(), "a whole plane"))?;
+        let mut source = Source {
+            scale: snapshot.scale,
+            greys: Greys::of_parts(snapshot.extremes, snapshot.all_finite),
+            ..Source::default()
+        };
+        source.pyramid.rebuild(frame, levels, &execution)?;
+        source.finite.copy_of(&snapshot.finite)?;
+        self.next = source;
+        self.primed = true;
+        Ok(())
+    }
+}
