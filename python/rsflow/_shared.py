@@ -7,7 +7,7 @@ import functools
 import os
 import threading
 from collections.abc import Callable
-from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar, cast
 
 from .errors import FormatError, RsflowError
 
@@ -59,7 +59,7 @@ def alone(
         with self._lock():
             return method(self, *args, **kwargs)
 
-    return waits
+    return cast("Callable[Concatenate[_Owner, _Arguments], _Result]", waits)
 
 
 def anew(method: Callable[[_Owner], None]) -> Callable[[_Owner], None]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _checks, _core
 from ._checks import knobs
 from ._checks.knobs import Illumination, Preset
+from ._shared import Shared, alone, anew
 from .errors import DTypeError, ShapeError
 
 __all__ = ["DenseFlow", "FlowField", "Preset", "dense_flow"]
@@ -294,8 +295,10 @@ def _kept_core(preset: str, illumination: str, max_displacement: float | None, p
     return core
 
 
-class DenseFlow:
+class DenseFlow(Shared):
     """Dense flow from frame to frame: each frame is prepared once, and memory is kept.
+
+    Threads that share one wait for each other. A copy, or a pickle read anywhere, goes on with the same bits.
 
     Parameters
     ----------
@@ -327,11 +330,13 @@ class DenseFlow:
         mask: NDArray[np.bool_] | None = None,
     ) -> None:
         options = (knobs.preset(preset), knobs.illumination(illumination), knobs.max_displacement(max_displacement))
+        self._options = options
         self._core = _core.DenseFlow(*options)
         self._initial = _as_initial(initial)
         self._mask = _checks.mask_or_none("mask", mask)
         self._started = False
 
+    @alone
     def update(self, frame: NDArray[Any]) -> FlowField | None:
         """Return the flow from the frame before to `frame`; None for the first frame.
 
@@ -352,10 +357,19 @@ class DenseFlow:
         self._started = True
         return _field(parts)
 
+    @anew
     def reset(self) -> None:
         """Forget the frame before: the next frame is a first one."""
         self._core.reset()
         self._started = False
+
+    def _packed(self, state: dict[str, Any]) -> dict[str, Any]:
+        return {**state, "_core": self._core.state()}
+
+    def _unpacked(self, state: dict[str, Any]) -> dict[str, Any]:
+        core = _core.DenseFlow(*state["_options"])
+        core.restore(state["_core"])
+        return {**state, "_core": core, "_started": bool(state["_started"])}
 
 
 def _field(parts: _core._FlowParts) -> FlowField:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ._files import writing
 from ._regions import labelled
+from ._shared import Shared, alone
 from .errors import OptionError, ShapeError
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ class _Track:
     missed: int = 0
 
 
-class ObjectTracker:
+class ObjectTracker(Shared):
     """Give the regions of successive masks numbers that last.
 
     A region belongs to the track whose region of the frame before, moved on by its velocity and the camera's motion,
@@ -149,6 +150,7 @@ class ObjectTracker:
         self._next_id = 1
         self.labels: NDArray[np.int32] = np.zeros((0, 0), np.int32)
 
+    @alone
     def update(
         self,
         mask: NDArray[np.bool_],

@@ -22,6 +22,7 @@ from ._light import fit_light
 from ._motion_segmentation import MotionSegmentation
 from ._outline import Outline, shows_background
 from ._reduction import Reduction
+from ._shared import Shared, alone, anew
 from .errors import DTypeError, OptionError, ShapeError
 from .flow import DenseFlow
 from .objects import ObjectTracker, TrackedObject
@@ -59,8 +60,10 @@ _SPREAD_RISE = 1.1
 _ROUNDING = 0.29
 
 
-class MotionSegmenter:
+class MotionSegmenter(Shared):
     """Tell what moves from what stands still, frame after frame.
+
+    Threads that share one wait for each other. A copy, or a pickle read anywhere, goes on with the same bits.
 
     Parameters
     ----------
@@ -118,6 +121,7 @@ class MotionSegmenter:
         self._flow = DenseFlow(preset=preset, illumination=illumination, max_displacement=max_displacement)
         self.reset()
 
+    @anew
     def reset(self) -> None:
         """Forget everything: the next frame is a first one, as after a cut."""
         self._previous: F32 | None = None
@@ -130,6 +134,7 @@ class MotionSegmenter:
         self._flow.reset()
         self._flow_is_ours = True
 
+    @alone
     def update(self, image: NDArray[Any], *, flow: FlowLike | None = None) -> MotionSegmentation:
         """Take the next frame.
 

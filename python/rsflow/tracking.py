@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _checks, _core
 from ._checks import knobs
 from ._checks.knobs import Illumination
+from ._shared import Shared, alone, anew
 from ._track_table import TrackTable
 from .errors import OptionError
 
@@ -275,11 +276,13 @@ def detect_corners(
     return _core.detect_corners(frame, _checks.mask_or_none("mask", mask, frame.shape), *options, 3, None)[0]
 
 
-class PointTracker:
+class PointTracker(Shared):
     """Points through a sequence, with persistent ids; those that are lost are replaced.
 
     Each frame's pyramid is built once. Where at least four of five points are lost at once, the frame is taken for the
     first of another scene: all points are declared lost and new ones are found.
+
+    Threads that share one wait for each other. A copy, or a pickle read anywhere, goes on with the same bits.
 
     Parameters
     ----------
@@ -330,11 +333,13 @@ class PointTracker:
             illumination=illumination,
             max_forward_backward=max_forward_backward,
         )
-        self._tracker = _core.PointTracker(options, *knobs.corners(max_corners, quality, min_distance))
+        self._options = (options, *knobs.corners(max_corners, quality, min_distance))
+        self._tracker = _core.PointTracker(*self._options)
         self._table = TrackTable() if _checks.flag("record", record) else None
         self._frame = 0
         self._t_s = math.nan
 
+    @alone
     def update(self, frame: NDArray[Any], *, t_s: float | None = None, mask: NDArray[np.bool_] | None = None) -> Tracks:
         """Take the next frame.
 
@@ -390,7 +395,16 @@ class PointTracker:
         """Whether the last frame was taken for the first of another scene."""
         return self._tracker.scene_cut
 
+    @anew
     def reset(self) -> None:
         """Forget the frame before and its points; ids, the count of frames and the table go on."""
         self._tracker.reset()
         self._t_s = math.nan
+
+    def _packed(self, state: dict[str, Any]) -> dict[str, Any]:
+        return {**state, "_tracker": self._tracker.state()}
+
+    def _unpacked(self, state: dict[str, Any]) -> dict[str, Any]:
+        tracker = _core.PointTracker(*state["_options"])
+        tracker.restore(state["_tracker"])
+        return {**state, "_tracker": tracker, "_frame": int(state["_frame"]), "_t_s": float(state["_t_s"])}

@@ -31,8 +31,8 @@ mod track;
 
 pub use corners::{Corner, CornerDetector, CornerOptions, detect_corners};
 pub use dense::{
-    DenseFlow, DenseHints, DenseOptions, DenseSnapshot, FlowField, LevelRecipe, Preset, Recipe, RefineRecipe,
-    dense_flow,
+    DenseFlow, DenseHints, DenseOptions, DenseSnapshot, FlowField, LevelRecipe, Preset, Recipe,
+    RefineRecipe, dense_flow,
 };
 pub use error::{Error, Result};
 pub use execution::Execution;

@@ -2,12 +2,12 @@
 
 use lk_core::{DenseHints, DenseOptions, DenseSnapshot, FlowField};
 use ndarray::{Ix2, Ix3};
-use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArray};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::errors::{raise, to_python};
-use crate::frames::{AnyFrame, described, mask, pair};
+use crate::frames::{AnyFrame, aligned, described, mask, pair};
 use crate::interrupt::run;
 use crate::outputs::owned;
 use crate::shared::{Caller, Shared};
@@ -40,9 +40,8 @@ impl DenseFlow {
                 .max_displacement(max_displacement))
         };
         let options = options().map_err(|error| to_python(&error))?;
-        let fresh = move || {
-            lk_core::DenseFlow::new(options.clone()).map_err(|error| to_python(&error))
-        };
+        let fresh =
+            move || lk_core::DenseFlow::new(options.clone()).map_err(|error| to_python(&error));
         let mend = |flow: &mut lk_core::DenseFlow| flow.forget();
         Ok(Self(Shared::new(fresh, mend)?))
     }
@@ -167,14 +166,16 @@ fn initial_flow<'py>(
     value: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Option<PyReadonlyArray3<'py, f32>>> {
     let Some(value) = value else { return Ok(None) };
-    let array = value.extract::<PyReadonlyArray3<'py, f32>>().map_err(|_| {
+    let unfit = || {
         let got = described(value);
         raise(
             "DTypeError",
             format!("initial: got {got}, expected a float32 array (height, width, 2)"),
         )
-    })?;
-    Ok(Some(array))
+    };
+    value.cast::<PyUntypedArray>().map_err(|_| unfit())?;
+    let array = aligned(value)?.extract::<PyReadonlyArray3<'py, f32>>();
+    Ok(Some(array.map_err(|_| unfit())?))
 }
 
 fn parts(py: Python<'_>, field: FlowField) -> PyResult<Parts<'_>> {

@@ -84,6 +84,7 @@ impl<'py> AnyFrame<'py> {
                 ),
             ));
         }
+        let value = &aligned(value)?;
         if let Ok(frame) = value.extract::<PyReadonlyArray2<'py, u8>>() {
             return Ok(Self::U8(frame));
         }
@@ -158,6 +159,15 @@ pub(crate) fn pair<'a>(prev: &'a AnyFrame<'_>, next: &'a AnyFrame<'_>) -> PyResu
             ),
         )),
     }
+}
+
+/// The array, or a copy of it where its elements do not stand at multiples of their size, as those of a field among
+/// others of a structure: what is borrowed is read in whole elements.
+pub(crate) fn aligned<'py>(array: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    if array.getattr("flags")?.getattr("aligned")?.is_truthy()? {
+        return Ok(array.clone());
+    }
+    array.call_method0("copy")
 }
 
 /// What a message says of an object: the type and shape of an array, the type of anything else.

@@ -42,8 +42,7 @@ where
     E: Raised,
     F: FnOnce(&Execution) -> Result<T, E> + Send,
 {
-    let work =
-        |execution: &Execution| caught(|| work(execution))?.map_err(Raised::raised);
+    let work = |execution: &Execution| caught(|| work(execution))?.map_err(Raised::raised);
     if pixels < LONG_CALL_PIXELS || !on_main_thread(py)? {
         return py.detach(|| work(&Execution::default()));
     }

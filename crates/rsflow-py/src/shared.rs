@@ -105,7 +105,8 @@ impl<T> Shared<T> {
             if holder == me {
                 return Err(raise(
                     "RsflowError",
-                    "this object is in a call of this very thread, which waits for this one".to_owned(),
+                    "this object is in a call of this very thread, which waits for this one"
+                        .to_owned(),
                 ));
             }
             execution.check().map_err(|error| to_python(&error))?;

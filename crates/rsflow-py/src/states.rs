@@ -2,12 +2,12 @@
 
 use lk_core::Plane;
 use numpy::ndarray::{Dimension, Ix2};
-use numpy::{Element, PyArray2, PyReadonlyArray};
+use numpy::{Element, PyArray2, PyReadonlyArray, PyUntypedArray};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::errors::{raise, to_python};
-use crate::frames::described;
+use crate::frames::{aligned, described};
 use crate::outputs::{filled, gathered};
 
 /// The grey levels of `plane`.
@@ -45,9 +45,10 @@ fn array<'py, T: Element, D: Dimension>(
     name: &str,
     value: &Bound<'py, PyAny>,
 ) -> PyResult<PyReadonlyArray<'py, T, D>> {
-    value
-        .extract::<PyReadonlyArray<'py, T, D>>()
-        .map_err(|_| damaged(name, &described(value)))
+    let unfit = || damaged(name, &described(value));
+    value.cast::<PyUntypedArray>().map_err(|_| unfit())?;
+    let array = aligned(value)?.extract::<PyReadonlyArray<'py, T, D>>();
+    array.map_err(|_| unfit())
 }
 
 /// The part `name` of a state.
@@ -63,7 +64,9 @@ pub(crate) fn entry<'py, T: for<'a> FromPyObject<'a, 'py>>(
     name: &str,
 ) -> PyResult<T> {
     let value = item(state, name)?;
-    value.extract().map_err(|_| damaged(name, &described(&value)))
+    value
+        .extract()
+        .map_err(|_| damaged(name, &described(&value)))
 }
 
 fn damaged(name: &str, got: &str) -> PyErr {

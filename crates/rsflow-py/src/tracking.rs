@@ -1,16 +1,16 @@
 //! Points: tracking between two frames, through a sequence, and corners to start from.
 
 use lk_core::{
-    BouguetOptions, CornerOptions, Execution, Illumination, PointStatus, PointTracker, TrackOptions,
-    TrackedPoint, TrackerSnapshot,
+    BouguetOptions, CornerOptions, Execution, Illumination, PointStatus, PointTracker,
+    TrackOptions, TrackedPoint, TrackerSnapshot,
 };
-use numpy::PyReadonlyArray2;
 use numpy::ndarray::{Ix1, Ix2, Ix3};
+use numpy::{PyReadonlyArray2, PyUntypedArray};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::errors::{raise, to_python};
-use crate::frames::{AnyFrame, described, mask, pair};
+use crate::frames::{AnyFrame, aligned, described, mask, pair};
 use crate::outputs::{filled, gathered};
 use crate::shared::{Caller, Shared};
 use crate::states::{array_plane, elements, entry, item, plane_array};
@@ -51,6 +51,10 @@ fn point_statuses() -> Vec<(&'static str, u8)> {
 
 /// An (N, 2) float32 array as points.
 fn points_of(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<[f32; 2]>> {
+    value
+        .cast::<PyUntypedArray>()
+        .map_err(|_| unfit(name, value))?;
+    let value = &aligned(value)?;
     let array = value
         .extract::<PyReadonlyArray2<'_, f32>>()
         .map_err(|_| unfit(name, value))?;
@@ -389,7 +393,10 @@ impl PyPointTracker {
         let (ids, ages) = (snapshot.ids.iter().copied(), snapshot.ages.iter().copied());
         let frame = snapshot.frame.as_ref();
         let state = PyDict::new(py);
-        state.set_item("frame", frame.map(|frame| plane_array(py, frame)).transpose()?)?;
+        state.set_item(
+            "frame",
+            frame.map(|frame| plane_array(py, frame)).transpose()?,
+        )?;
         state.set_item("points", filled(py, POINTS, Ix2(count, 2), points)?)?;
         state.set_item("ids", filled(py, POINTS, Ix1(count), ids)?)?;
         state.set_item("ages", filled(py, POINTS, Ix1(count), ages)?)?;
@@ -405,7 +412,9 @@ impl PyPointTracker {
         let points: Vec<f32> = elements::<f32, Ix2>(state, "points")?;
         let pairs = points.as_chunks::<2>().0.iter().copied();
         let snapshot = TrackerSnapshot {
-            frame: frame.map(|frame| array_plane("frame", &frame)).transpose()?,
+            frame: frame
+                .map(|frame| array_plane("frame", &frame))
+                .transpose()?,
             points: gathered(POINTS, pairs)?,
             ids: elements::<u64, Ix1>(state, "ids")?,
             ages: elements::<u32, Ix1>(state, "ages")?,
@@ -413,7 +422,9 @@ impl PyPointTracker {
             scene_cut: entry(state, "scene_cut")?,
         };
         self.call(py, |tracker| {
-            tracker.restore(&snapshot).map_err(|error| to_python(&error))
+            tracker
+                .restore(&snapshot)
+                .map_err(|error| to_python(&error))
         })
     }
 }

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _checks
 from .._rotation import rotation_matrix
+from .._shared import Shared, alone, anew
 from ..camera.model import Camera
 from ..errors import DTypeError, OptionError, ShapeError
 from . import plane
@@ -21,13 +22,15 @@ __all__ = ["VelocityEstimator"]
 F64 = NDArray[np.float64]
 
 
-class VelocityEstimator:
+class VelocityEstimator(Shared):
     """Velocity of a camera over flat ground, frame by frame.
 
     Points of the ground are followed from frame to frame, freed from distortion, turned by the measured rate, each by
     itself, and a plane's motion (`vx`, `vy`, and `vz` and yaw as far as the data demand them) is fitted to all of them
     at once, weighted by their covariances and robust against what moves by itself. It is the report's equations 2.10
     and 2.11 with the y row mended, with principal point, distortion, attitude and rotation.
+
+    Threads that share one wait for each other. A copy, or a pickle read anywhere, goes on with the same bits.
 
     Without `rate_rad_s` a camera that rolls or pitches looks like one that moves: give the rate, or keep it level.
 
@@ -94,11 +97,13 @@ class VelocityEstimator:
         self._prev: NDArray[Any] | None = None
         self._prev_t_s = np.nan
 
+    @anew
     def reset(self) -> None:
         """Forget the frame before: the next one is a first frame."""
         self._prev = None
         self._prev_t_s = np.nan
 
+    @alone
     def update(
         self,
         image: NDArray[Any],

@@ -66,8 +66,8 @@ use crate::parallel::{both, within_pool};
 use crate::pyramid::Pyramid;
 
 pub use field::FlowField;
-pub use snapshot::DenseSnapshot;
 pub use options::{DenseHints, DenseOptions, LevelRecipe, Preset, Recipe, RefineRecipe};
+pub use snapshot::DenseSnapshot;
 
 use descend::{Descent, Memory};
 use windows::Views;

@@ -41,7 +41,11 @@ impl DenseSnapshot {
         let [low, high] = self.extremes.unwrap_or_default();
         if !(low.is_finite() && high.is_finite() && low <= high) {
             let got = format!("{low}, {high}");
-            return Err(Error::option("extremes", got, "two finite numbers in order"));
+            return Err(Error::option(
+                "extremes",
+                got,
+                "two finite numbers in order",
+            ));
         }
         if !self.frame.data().iter().all(|value| value.is_finite()) {
             return Err(Error::option("frame", "NaN or infinity", "finite numbers"));

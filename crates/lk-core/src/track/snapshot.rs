@@ -39,7 +39,11 @@ impl TrackerSnapshot {
             return Err(Error::option("ids", id, expected));
         }
         if self.frame.is_none() && count > 0 {
-            return Err(Error::shape("points", count.to_string(), "none without a frame"));
+            return Err(Error::shape(
+                "points",
+                count.to_string(),
+                "none without a frame",
+            ));
         }
         Ok(())
     }
