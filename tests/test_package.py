@@ -66,7 +66,7 @@ def test_number_of_threads_is_set_and_checked():
         assert rsflow.get_num_threads() == 3
         rsflow.set_num_threads(0)
         assert rsflow.get_num_threads() >= 1
-        with pytest.raises(rsflow.OptionError, match=r"threads: got -1, expected 0 .one for each CPU. or a positive"):
+        with pytest.raises(rsflow.OptionError, match="threads: got -1, expected 1 to 1024, or 0 for one for each CPU"):
             rsflow.set_num_threads(-1)
     finally:
         rsflow.set_num_threads(before)
