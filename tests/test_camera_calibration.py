@@ -88,9 +88,10 @@ def test_deviations_cover_the_errors(bend):
         solution = _solve.solve([flat] * len(seen), seen, TRUTH.size, 5, False)
         off.append((solution.values - true) / solution.std)
     off = np.abs(np.array(off))
-    # The larger of two estimates is taken, so a little more than 68 % and 95 % may lie inside.
-    assert 0.60 < np.mean(off < 1) < 0.88, np.mean(off < 1)
-    assert np.mean(off < 2) > 0.90, np.mean(off < 2)
+    # The board may be bent and its corners off by what is usual, and the views are few: more than 68 % and 95 % lie
+    # inside, yet not by far.
+    assert 0.68 < np.mean(off < 1) < 0.97, np.mean(off < 1)
+    assert np.mean(off < 2) > 0.95, np.mean(off < 2)
 
 
 def test_corners_beside_a_cut_square_are_set_right_and_counted_as_uncertain():
@@ -191,15 +192,19 @@ def test_views_that_do_not_determine_a_camera_are_an_error():
     # A board that is never tilted: nothing tells focal length from distance.
     places = [(0.0, 0.0, 0.4), (-0.05, 0.04, 0.33), (0.05, -0.04, 0.3), (0.03, 0.03, 0.37)]
     frontal = [render((np.zeros(3), np.array(place)), chessboard()) for place in places]
-    with pytest.raises(rsflow.CalibrationError, match="the views do not determine a camera: tilt the board"):
+    message = (
+        r"the views do not determine a camera: the board's normals in 4 views lie within \d\.\d degrees .* tilt the"
+    )
+    with pytest.raises(rsflow.CalibrationError, match=message):
         rsflow.calibrate(frontal, board=BOARD, square_size_m=SQUARE_M)
     with pytest.raises(rsflow.CalibrationError, match=r"in 1 of 4 pictures.* where an earlier view does in 3"):
         rsflow.calibrate([views()[0]] * 4, board=BOARD, square_size_m=SQUARE_M)
 
 
 def test_a_focal_length_with_too_large_a_deviation_is_an_error(monkeypatch):
-    monkeypatch.setattr("rsflow.camera.calibration._UNDETERMINED", 1e-6)
-    with pytest.raises(rsflow.CalibrationError, match=r"the 4 views do not .* length: got \d+\.\d \+- \d+\.\d px"):
+    monkeypatch.setattr("rsflow.camera._solve.UNDETERMINED", 1e-6)
+    message = r"the 4 views do not .* length: got \d+\.\d \+- \d+\.\d px; the board's normals .* add views"
+    with pytest.raises(rsflow.CalibrationError, match=message):
         rsflow.calibrate(list(views()[:4]), board=BOARD, square_size_m=SQUARE_M)
 
 
@@ -235,7 +240,9 @@ def test_a_search_that_dies_is_an_error(monkeypatch):
         ({"pattern": "circles"}, "pattern: got 'circles', expected 'chessboard' or 'charuco'"),
         ({"pattern": "charuco", "marker_size_m": 1.0}, r"marker_size_m: got 1\.0, expected less than the square's"),
         ({"pattern": "charuco", "dictionary": "DICT_9"}, "dictionary: got 'DICT_9'"),
-        ({"coefficients": 3}, "coefficients: got 3, expected one of 0, 4, 5, 8, 12"),
+        ({"coefficients": 3}, "coefficients: got 3, expected one of 0, 4, 5, 8, 12 for the model 'pinhole'"),
+        ({"coefficients": 5, "model": "fisheye"}, "coefficients: got 5, expected one of 0, 4 for the model 'fisheye'"),
+        ({"model": "mirror"}, "model: got 'mirror', expected 'pinhole' or 'fisheye'"),
         ({"time_budget_s": 0.0}, r"time_budget_s: got 0\.0"),
         ({"view_time_budget_s": math.inf}, "view_time_budget_s: got inf"),
         ({"max_views": 2}, "max_views: got 2, expected at least 3"),

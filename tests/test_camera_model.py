@@ -181,7 +181,7 @@ def test_the_jacobian_is_that_of_differences(model):
     ]
     xy = np.random.default_rng(3).uniform(-0.8, 0.8, (200, 2))
     step = 1e-6
-    got = np.stack(_distortion._map(model, lens, xy[:, 0], xy[:, 1])[2:], axis=1)
+    got = np.stack(_distortion.lens_map(model, lens, xy[:, 0], xy[:, 1])[2:], axis=1)
     by_x, by_y = (
         (_distortion.forward(model, lens, xy + shift) - _distortion.forward(model, lens, xy - shift)) / (2 * step)
         for shift in (np.array([step, 0.0]), np.array([0.0, step]))

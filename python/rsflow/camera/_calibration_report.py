@@ -91,6 +91,7 @@ def advice(calibration: Calibration) -> tuple[str, ...]:
     if worst:
         median = float(np.median(calibration.per_view_errors))
         said.append(f"drop {_listed(worst)}: {worst[0].rms:.2f} px error against {median:.2f} px of the median view")
+    said += calibration.doubts
     if len(used) < _GOOD_VIEWS:
         said.append(f"add views: {len(used)} were used, {_GOOD_VIEWS} to 20 make deviations reliable")
     tilted = sum(view.tilt_rad > _TILT_RAD for view in used)
@@ -123,9 +124,10 @@ def summary(calibration: Calibration) -> str:
     camera = calibration.camera
     used = calibration.used
     deviation = calibration.focal_deviation
+    model = "" if camera.model == "pinhole" else f"{camera.model}, "
     grade = "good" if deviation <= _FOCAL_GOOD else "usable" if deviation <= _FOCAL_POOR else "poor"
     lines = [
-        f"camera {camera.width} x {camera.height}, {len(used)} of {len(calibration.views)} views used, "
+        f"camera {camera.width} x {camera.height}, {model}{len(used)} of {len(calibration.views)} views used, "
         f"rms {calibration.rms:.3f} px, corners in {calibration.covered:.0%} of the picture",
         "",
         "parameter        value    deviation",
@@ -156,6 +158,8 @@ def summary(calibration: Calibration) -> str:
         "",
         f"{grade}: f is known to {deviation:.2%} (one standard deviation); a speed over ground computed with it is "
         f"uncertain by the same {deviation:.2%} before height and flow add theirs",
+        f"the board's normals lie within {math.degrees(calibration.tilt_span_rad):.1f} degrees of each other; the "
+        f"board is bent by {1000 * calibration.board_bend_m:.2f} mm",
     ]
     lines += [f"- {line}" for line in advice(calibration)]
     return "\n".join(lines)
@@ -178,8 +182,12 @@ def as_dict(calibration: Calibration) -> dict[str, Any]:
         "std": calibration.std,
         "std_views": calibration.std_views,
         "std_repair": calibration.std_repair,
+        "std_model": calibration.std_model,
         "rms_px": calibration.rms,
         "focal_deviation": calibration.focal_deviation,
+        "covariance": calibration.covariance.tolist(),
+        "tilt_span_rad": calibration.tilt_span_rad,
+        "board_bend_m": calibration.board_bend_m,
         "covered": calibration.covered,
         "board": list(calibration.board.size),
         "square_size_m": calibration.board.square_size_m,
@@ -197,6 +205,7 @@ def as_dict(calibration: Calibration) -> dict[str, Any]:
             }
             for view in calibration.views
         ],
+        "doubts": list(calibration.doubts),
         "advice": list(advice(calibration)),
     }
 

@@ -37,10 +37,10 @@ _TOLERANCE = 1e-10
 def forward(model: str, coefficients: Sequence[float], xy: Array) -> Array:
     """Distort normalised points, (N, 2)."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.stack(_map(model, coefficients, xy[:, 0], xy[:, 1])[:2], axis=1)
+        return np.stack(lens_map(model, coefficients, xy[:, 0], xy[:, 1])[:2], axis=1)
 
 
-def _map(model: str, coefficients: Sequence[float], x: Array, y: Array) -> Mapped:
+def lens_map(model: str, coefficients: Sequence[float], x: Array, y: Array) -> Mapped:
     return _fisheye(coefficients, x, y) if model == "fisheye" else _brown(coefficients, x, y)
 
 
@@ -114,7 +114,7 @@ def _quick(model: str, coefficients: Sequence[float], xy: Array) -> tuple[Array,
     x, y = goal_x.copy(), goal_y.copy()
     unfolded = np.ones(len(x), bool)
     for iteration in range(_QUICK_ITERATIONS + 1):
-        at_x, at_y, a, b, c, d = _map(model, coefficients, x, y)
+        at_x, at_y, a, b, c, d = lens_map(model, coefficients, x, y)
         off_x, off_y, determinant = at_x - goal_x, at_y - goal_y, a * d - b * c
         unfolded &= determinant > 0
         settled = np.maximum(np.abs(off_x), np.abs(off_y)) < _ENOUGH
@@ -159,7 +159,7 @@ def _careful(model: str, coefficients: Sequence[float], xy: Array) -> Array:
 
 def _value(model: str, coefficients: Sequence[float], xy: Array) -> tuple[Array, Array]:
     """Give the distorted points, (N, 2), and the Jacobian, (4, N)."""
-    mapped = _map(model, coefficients, xy[:, 0], xy[:, 1])
+    mapped = lens_map(model, coefficients, xy[:, 0], xy[:, 1])
     return np.stack(mapped[:2], axis=1), np.stack(mapped[2:])
 
 

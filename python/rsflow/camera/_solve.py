@@ -1,25 +1,36 @@
-"""The least squares of a calibration, and honest deviations of what it gives.
-
-OpenCV finds the parameters. Its own deviations hold when the errors of all corners are independent, which they are
-not: those of one view share the board's bend, the blur and the light. So the views are taken as the independent
-observations, and the deviations are those of the jackknife that leaves out one view at a time, linearised at the
-solution (Bell and McCaffrey 2002, "Bias reduction in standard errors for linear regression with multi-stage samples").
-"""
+"""The calibration of a camera from corners: from several starts, with deviations, or the reason why there is none."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import CalibrationError
+from . import _distortion
+from ._bundle import Fit, Problem, fit, residuals_of, weighted
+from ._deviations import deviations
+from ._starts import starts
+
+__all__ = ["Solution", "again", "best", "ends", "solve"]
 
 Array = NDArray[np.float64]
 
-# Condition number of the scaled normal equations beyond which they are singular: good views have some thousand, a board
-# that is never tilted 1e13.
-_SINGULAR = 1e12
+# Distortion coefficients that a fit begins with; the others join when those have settled.
+_FIRST = 5
+# Steps from each start, and from there on with all parameters.
+_START_STEPS, _STEPS = 40, 60
+
+# Relative deviation of f from which the views cannot be said to determine it.
+UNDETERMINED = 0.1
+# Views whose normals lie within so much of each other are parallel: what tells f from distance is then less than what
+# the paper's waves make. And from how much on the tilt is not to blame.
+PARALLEL_RAD = math.radians(2.0)
+_TILTED_RAD = math.radians(15.0)
+# Starts as good as the best, to this many times the sigma squared, must agree within so many deviations.
+_AS_GOOD, _AGREE = 9.0, 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,13 +38,26 @@ class Solution:
     """Parameters in the order fx, fy, cx, cy, then the distortion coefficients."""
 
     values: Array
-    std: Array
+    covariance: Array
     rms: float
+    # Deviation of one coordinate of a corner that fits, in pixels.
+    sigma: float
     rotations: list[Array]
-    translations: list[Array]
     residuals: list[Array]
     # How far the parameters move when a view is left out, (views, parameters).
     influence: Array
+    # Largest angle between the board's normals in two views.
+    span_rad: float
+    # Height of the board's bend over its plane, at most, in metres.
+    bend_m: float
+    problem: Problem
+    found: Fit
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each parameter."""
+        std: Array = np.sqrt(np.diag(self.covariance))
+        return std
 
 
 def solve(
@@ -42,99 +66,130 @@ def solve(
     size: tuple[int, int],
     coefficients: int,
     square_pixels: bool,
+    *,
+    ids: list[NDArray[np.int64]] | None = None,
+    model: str = "pinhole",
 ) -> Solution:
-    """Calibrate from corners on the board, (N, 3) each, and in the pictures, (N, 2) each."""
-    import cv2
+    """Calibrate from corners on the board, (N, 3) each, and in the pictures, (N, 2) each.
 
-    flags = cv2.CALIB_FIX_ASPECT_RATIO if square_pixels else 0
-    flags |= {
-        0: cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST,
-        4: cv2.CALIB_FIX_K3,
-        5: 0,
-        8: cv2.CALIB_RATIONAL_MODEL,
-        12: cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL,
-    }[coefficients]
-    try:
-        answer = cv2.calibrateCameraExtended(
-            [points.reshape(-1, 1, 3) for points in board],
-            [points.reshape(-1, 1, 2) for points in corners],
-            size,
-            np.eye(3),
-            np.zeros(14 if coefficients > 5 else 5),
-            flags=flags,
+    Raises
+    ------
+    CalibrationError
+        If the views do not determine a camera; the message says what was measured, what is needed and what to do.
+    """
+    numbers = ids if ids is not None else [np.arange(len(points)) for points in board]
+    problem = Problem.of(
+        board, corners, numbers, size=size, model=model, coefficients=coefficients, square_pixels=square_pixels
+    )
+    with np.errstate(all="ignore"):
+        begun = ends(problem)
+        if not begun:
+            raise CalibrationError(f"the views do not determine a camera: no {model} camera sees the board so")
+        found = best(problem, begun)
+        span = _span(found.rotations)
+        if span < PARALLEL_RAD:
+            raise CalibrationError(f"the views do not determine a camera: {_what_to_do(problem, found, span)}")
+        worth = deviations(problem, found)
+    focal, std = float(found.camera[0]), math.sqrt(worth.covariance[0, 0])
+    if not (np.isfinite(worth.covariance).all() and std < UNDETERMINED * focal):
+        raise CalibrationError(
+            f"the {len(board)} views do not determine the focal length: got {focal:.1f} +- {std:.1f} px; "
+            f"{_what_to_do(problem, found, span)}"
         )
-    except cv2.error as error:
-        raise CalibrationError(f"the views do not determine a camera: {_last_line(error)}") from None
-    rms, matrix, lens, rotations, translations = answer[:5]
-    values = np.concatenate([[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]], np.ravel(lens)[:coefficients]])
-    if not np.isfinite(values).all() or values[0] <= 0 or values[1] <= 0 or not np.isfinite(rms):
-        raise CalibrationError(f"the views do not determine a camera: got fx, fy = {values[0]:.6g}, {values[1]:.6g}")
-    formal = np.ravel(answer[5])[: 4 + coefficients].astype(np.float64)
-    if square_pixels:
-        formal[0] = formal[1]
-    poses = list(zip(rotations, translations, strict=True))
-    spread, influence, residuals = _jackknife(board, corners, matrix, lens, poses, coefficients, square_pixels)
-    # With few views the jackknife itself is uncertain: it may raise the formal deviation, never lower it.
+    _agree(begun, found, std, span)
+    _unfolded(problem, found)
+    residuals = [part[there] for part, there in zip(found.residuals, problem.there, strict=True)]
     return Solution(
-        values,
-        np.fmax(formal, spread),
-        float(rms),
-        [np.ravel(rotation) for rotation in rotations],
-        [np.ravel(translation) for translation in translations],
+        found.camera,
+        worth.covariance,
+        float(np.sqrt((np.concatenate(residuals) ** 2).sum(axis=1).mean())),
+        found.sigma,
+        list(found.rotations),
         residuals,
-        influence,
+        worth.influence,
+        span,
+        float(np.abs(found.shape[:3]).max()) * problem.half,
+        problem,
+        found,
     )
 
 
-def _jackknife(
-    board: list[NDArray[np.float32]],
-    corners: list[NDArray[np.float32]],
-    matrix: Array,
-    lens: Array,
-    poses: list[tuple[Array, Array]],
-    coefficients: int,
-    square_pixels: bool,
-) -> tuple[Array, Array, list[Array]]:
-    """Leave out each view in turn, with its pose eliminated; all in the linearised problem."""
-    import cv2
+def again(solution: Solution, corners: list[NDArray[np.float32]]) -> Array:
+    """Give the parameters with other corners in place of those of a solution."""
+    seen = solution.problem.seen.copy()
+    for view, (there, points) in enumerate(zip(solution.problem.there, corners, strict=True)):
+        seen[view][there] = points
+    problem = replace(solution.problem, seen=seen)
+    start = replace(solution.found, residuals=residuals_of(problem, solution.found))
+    return fit(problem, weighted(problem, start), steps=_STEPS).camera
 
-    information, gradients, residuals = [], [], []
-    for points, seen, (rotation, translation) in zip(board, corners, poses, strict=True):
-        projected, jacobian = cv2.projectPoints(points, rotation, translation, matrix, lens)
-        residual = (seen.reshape(-1, 2) - projected.reshape(-1, 2)).astype(np.float64)
-        residuals.append(residual)
-        pose = np.linalg.qr(jacobian[:, :6])[0]
-        inner = jacobian[:, 6 : 10 + coefficients]
-        if square_pixels:
-            # One focal length for both axes: fx follows fy, with the ratio fixed at 1.
-            inner = np.column_stack([inner[:, 0] + inner[:, 1], inner[:, 2:]])
-        inner = inner - pose @ (pose.T @ inner)
-        information.append(inner.T @ inner)
-        gradients.append(inner.T @ residual.ravel())
-    total = np.sum(information, axis=0)
-    scale = np.sqrt(np.diag(total))
-    scale[scale == 0] = 1.0
-    if not np.linalg.cond(total / np.outer(scale, scale)) < _SINGULAR:
-        raise CalibrationError(
-            "the views do not determine a camera: tilt the board by 20 to 45 degrees, in different directions"
+
+def ends(problem: Problem) -> list[Fit]:
+    """Where each start leads, on a plane board and with few coefficients, the best first."""
+    first = replace(problem, coefficients=min(problem.coefficients, _FIRST))
+    reached = [fit(first, start, steps=_START_STEPS, rounds=0, shaped=False) for start in starts(first)]
+    return sorted((end for end in reached if math.isfinite(end.cost)), key=lambda end: end.cost)
+
+
+def best(problem: Problem, begun: list[Fit]) -> Fit:
+    """Go on from the best end with all parameters, and with corners that lie off counting less."""
+    end = begun[0]
+    lens = np.zeros(problem.coefficients)
+    lens[: len(end.camera) - 4] = end.camera[4:]
+    start = replace(end, camera=np.concatenate([end.camera[:4], lens]))
+    return fit(problem, weighted(problem, start), steps=_STEPS)
+
+
+def _what_to_do(problem: Problem, found: Fit, span: float) -> str:
+    """Say what was measured, what is needed and what to do: of the tilt only where the tilt is to blame."""
+    views = len(problem.board)
+    measured = f"the board's normals in {views} views lie within {math.degrees(span):.1f} degrees of each other"
+    if span < _TILTED_RAD:
+        return (
+            f"{measured}; it takes more than {math.degrees(PARALLEL_RAD):.0f}, and 20 to 45 for a good result: tilt "
+            "the board by 20 to 45 degrees, in different directions"
         )
-    moved = np.full((len(board), total.shape[0]), np.nan)
-    for i, (own, gradient) in enumerate(zip(information, gradients, strict=True)):
-        rest = (total - own) / np.outer(scale, scale)
-        # Views that do not determine the camera once this one is gone say nothing by leaving it out.
-        if np.linalg.cond(rest) < _SINGULAR:
-            moved[i] = -np.linalg.solve(rest, gradient / scale) / scale
-    count = len(board)
-    if np.isfinite(moved).all():
-        spread = np.sqrt((count - 1) / count * np.sum((moved - moved.mean(axis=0)) ** 2, axis=0))
-    else:
-        spread = np.full(total.shape[0], np.nan)
-    if square_pixels:
-        spread = np.concatenate([spread[:1], spread])
-        moved = np.column_stack([moved[:, :1], moved])
-    return spread, moved, residuals
+    from ._lens_doubts import doubts
+
+    said = doubts(problem, found).said
+    if said:
+        return said[0]
+    return (
+        f"{measured}, which is enough; but {views} views are too few or too alike for {problem.coefficients} "
+        "coefficients: add views, to 10 or 20, in all parts of the picture, or take fewer coefficients"
+    )
 
 
-def _last_line(error: Exception) -> str:
-    lines = str(getattr(error, "err", "") or error).strip().splitlines()
-    return lines[-1] if lines else type(error).__name__
+def _agree(begun: list[Fit], found: Fit, std: float, span: float) -> None:
+    """Refuse where starts end at other focal lengths with sums of squares that are as good."""
+    limit = begun[0].cost + _AS_GOOD * found.sigma**2
+    focals = [float(end.camera[0]) for end in begun if end.cost <= limit]
+    if max(focals) - min(focals) > max(_AGREE * std, 0.01 * focals[0]):
+        raise CalibrationError(
+            f"the views do not determine a camera: focal lengths from {min(focals):.0f} to {max(focals):.0f} px "
+            f"explain them equally well; the board's normals lie within {math.degrees(span):.1f} degrees of each "
+            "other: tilt the board by 20 to 45 degrees, in different directions, near and far"
+        )
+
+
+def _unfolded(problem: Problem, found: Fit) -> None:
+    """Refuse a lens that maps two rays to one corner of the views."""
+    rays = _distortion.invert(
+        problem.model,
+        found.camera[4:].tolist(),
+        (problem.seen[problem.there] - found.camera[2:4]) / found.camera[:2],
+    )
+    lost = int(np.count_nonzero(~np.isfinite(rays).all(axis=1)))
+    if lost:
+        raise CalibrationError(
+            f"the views do not determine a camera: with {problem.coefficients} coefficients of the {problem.model} "
+            f"model the picture folds over itself at {lost} of {len(rays)} corners: take fewer coefficients, or the "
+            f"model {'pinhole' if problem.model == 'fisheye' else 'fisheye'} if the lens is one"
+        )
+
+
+def _span(rotations: Array) -> float:
+    normals = rotations[:, :, 2]
+    # Through the chord: an arc cosine has no digits left for small angles.
+    chord = np.linalg.norm(normals[:, None] - normals[None], axis=2).max()
+    return 2.0 * math.asin(min(1.0, float(chord) / 2.0))

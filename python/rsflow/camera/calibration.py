@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from ..errors import CalibrationError, OptionError
 from . import _solve
+from ._distortion import NAMES
+from ._lens_doubts import doubts
 from ._search import Searcher
 from .board import Board, Pattern
 from .capture import Frames, frames
-from .model import Camera, CameraFormat
+from .model import Camera, CameraFormat, CameraModel
 from .views import DISTINCT, SAME, Search, View
 
 __all__ = ["Calibration", "View", "calibrate"]
@@ -25,11 +27,9 @@ __all__ = ["Calibration", "View", "calibrate"]
 # Fewer views leave f, the principal point and the distortion undetermined, or barely.
 _LEAST_VIEWS = 3
 
-# Relative deviation of f from which the views cannot be said to determine it.
-_UNDETERMINED = 0.2
-
-# Distortion coefficients that can be estimated.
-_COEFFICIENTS = (0, 4, 5, 8, 12)
+# Distortion coefficients that can be estimated, and those that are by default.
+_COEFFICIENTS = {"pinhole": (0, 4, 5, 8, 12), "fisheye": (0, 4)}
+_USUAL = {"pinhole": 5, "fisheye": 4}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,9 +47,21 @@ class Calibration:
     board : Board
         The board.
     std_views : dict of str to float
-        The part of each deviation that comes from the spread between views.
+        The part of each deviation that comes from the corners' errors, between views and between corners of the board,
+        with poses and the shape of the board unknown.
     std_repair : dict of str to float
         The part that comes from corners that had to be set right: how far the parameter moves without that.
+    std_model : dict of str to float
+        The part of a lens model that does not fit: how far fx, fy, cx and cy move with the one that `doubts` names.
+    covariance : (P, P) float64
+        Of fx, fy, cx, cy and the distortion coefficients, all parts together.
+    tilt_span_rad : float
+        Largest angle between the board's normals in two of the used views.
+    board_bend_m : float
+        Height of the board's bend over its plane, as it was fitted, in metres.
+    doubts : tuple of str
+        Signs in the residuals that another model would fit: more coefficients, another lens, a rolling shutter; empty
+        where they look like noise.
 
     Examples
     --------
@@ -78,10 +90,15 @@ class Calibration:
     board: Board
     std_views: dict[str, float]
     std_repair: dict[str, float]
+    std_model: dict[str, float]
+    covariance: NDArray[np.float64]
+    tilt_span_rad: float
+    board_bend_m: float
+    doubts: tuple[str, ...] = ()
 
     @property
     def std(self) -> dict[str, float]:
-        """Standard deviation of each parameter: the spread between views and the effect of repairs together."""
+        """Standard deviation of each parameter: the corners' errors, repairs and a doubtful model together."""
         return dict(self.camera.std)
 
     @property
@@ -186,7 +203,8 @@ def calibrate(
     marker_size_m: float | None = None,
     dictionary: str = "DICT_4X4_50",
     legacy_pattern: bool = False,
-    coefficients: int = 5,
+    model: CameraModel = "pinhole",
+    coefficients: int | None = None,
     square_pixels: bool = False,
     time_budget_s: float = 120.0,
     view_time_budget_s: float = 5.0,
@@ -211,8 +229,11 @@ def calibrate(
     marker_size_m, dictionary, legacy_pattern
         ChArUco: side of a marker (by default 3/4 of the square's), name of its ArUco dictionary, and whether it was
         made by OpenCV before 4.6.
-    coefficients : {0, 4, 5, 8, 12}
-        Distortion coefficients to estimate: k1 k2 p1 p2, then k3, then k4 to k6, then s1 to s4. The skew is zero.
+    model : {"pinhole", "fisheye"}
+        Of the lens: "fisheye" (equidistant) for those of more than some 110 degrees.
+    coefficients : {0, 4, 5, 8, 12}, optional
+        Distortion coefficients to estimate. Pinhole: k1 k2 p1 p2, then k3, then k4 to k6, then s1 to s4; 5 by default.
+        Fisheye: none, or k1 to k4, which is the default. The skew is zero.
     square_pixels : bool
         Hold fx = fy.
     time_budget_s : float
@@ -237,7 +258,8 @@ def calibrate(
     Raises
     ------
     CalibrationError
-        If fewer than 3 views show the board, or the views do not determine a camera.
+        If fewer than 3 views show the board, or the views do not determine a camera: the board is hardly tilted, starts
+        from different focal lengths end at different ones, or f is not known to a tenth.
     CaptureError, ShapeError
         If the pictures cannot be read, or differ in size.
     OptionError
@@ -245,8 +267,10 @@ def calibrate(
 
     Notes
     -----
-    Deviations are those between views, not those of independent corners, which are too small; and where corners were
-    pulled away by something beside the board and had to be set right, they include the whole effect of that. See
+    Deviations allow for errors that the corners of a view, or a corner of the board in all views, have in common; for a
+    board that is bent or stretched as printed boards are, which is fitted too; for few views; and for a focal length
+    that is more open than the tangent at the solution shows. Where corners were pulled away by something beside the
+    board and had to be set right, they include the whole effect of that. Corners that lie off count less. See
     `Calibration.std_views` and `Calibration.std_repair`.
 
     Examples
@@ -259,8 +283,13 @@ def calibrate(
     1.0
     """
     target = Board(board, square_size_m, pattern, marker_size_m, dictionary, legacy_pattern)
-    if coefficients not in _COEFFICIENTS:
-        raise OptionError(f"coefficients: got {coefficients!r}, expected one of {', '.join(map(str, _COEFFICIENTS))}")
+    if model not in _COEFFICIENTS:
+        raise OptionError(f"model: got {model!r}, expected 'pinhole' or 'fisheye'")
+    if coefficients is None:
+        coefficients = _USUAL[model]
+    if isinstance(coefficients, bool) or coefficients not in _COEFFICIENTS[model]:
+        allowed = ", ".join(map(str, _COEFFICIENTS[model]))
+        raise OptionError(f"coefficients: got {coefficients!r}, expected one of {allowed} for the model {model!r}")
     for name, value in (("time_budget_s", time_budget_s), ("view_time_budget_s", view_time_budget_s)):
         if not (math.isfinite(value) and value > 0):
             raise OptionError(f"{name}: got {value!r}, expected a finite number of seconds above 0")
@@ -288,28 +317,34 @@ def calibrate(
                 raise
         if not search.usable and pattern == "chessboard":
             search.try_smaller(searcher)
-    return _calibrated(search, target, coefficients, square_pixels)
+    return _calibrated(search, target, model, coefficients, square_pixels)
 
 
-def _calibrated(search: Search, board: Board, coefficients: int, square_pixels: bool) -> Calibration:
+def _calibrated(
+    search: Search, board: Board, model: CameraModel, coefficients: int, square_pixels: bool
+) -> Calibration:
     found = [(view, corners) for view, corners in search.views if corners is not None]
     if len(found) < _LEAST_VIEWS or search.size is None:
-        raise CalibrationError(_too_few(search, board, len(found)))
+        raise CalibrationError(search.shortage(_LEAST_VIEWS))
     all_points = board.points()
     flat = [all_points[corners.ids] for _, corners in found]
-    solution = _solve.solve(flat, [c.points for _, c in found], search.size, coefficients, square_pixels)
-    names = ("fx", "fy", "cx", "cy", *_names(coefficients))
+    solution = _solve.solve(
+        flat,
+        [c.points for _, c in found],
+        search.size,
+        coefficients,
+        square_pixels,
+        ids=[c.ids for _, c in found],
+        model=model,
+    )
+    names = ("fx", "fy", "cx", "cy", *NAMES[model][:coefficients])
     repair = np.zeros(len(names))
     if any(view.repaired for view, _ in found):
-        plain = _solve.solve(flat, [c.plain for _, c in found], search.size, coefficients, square_pixels)
-        repair = np.abs(plain.values - solution.values)
-    std = np.hypot(solution.std, repair)
-    if not (np.isfinite(std).all() and std[0] < _UNDETERMINED * solution.values[0]):
-        raise CalibrationError(
-            f"the {len(found)} views do not determine the focal length: got {solution.values[0]:.1f} "
-            f"+- {std[0]:.1f} px: "
-            "tilt the board by 20 to 45 degrees, in different directions"
-        )
+        repair = _solve.again(solution, [c.plain for _, c in found]) - solution.values
+    doubt = doubts(solution.problem, solution.found)
+    other = np.concatenate([doubt.moved, np.zeros(coefficients)])
+    covariance = solution.covariance + np.outer(repair, repair) + np.outer(other, other)
+    std = np.sqrt(np.diag(covariance))
     width, height = search.size
     fx, fy, cx, cy = (float(value) for value in solution.values[:4])
     try:
@@ -321,6 +356,7 @@ def _calibrated(search: Search, board: Board, coefficients: int, square_pixels: 
             width=width,
             height=height,
             distortion=tuple(solution.values[4:]),
+            model=model,
             std=dict(zip(names, std.tolist(), strict=True)),
         )
     except OptionError as error:
@@ -335,15 +371,18 @@ def _calibrated(search: Search, board: Board, coefficients: int, square_pixels: 
         views,
         board,
         dict(zip(names, solution.std.tolist(), strict=True)),
-        dict(zip(names, repair.tolist(), strict=True)),
+        dict(zip(names, np.abs(repair).tolist(), strict=True)),
+        dict(zip(names, np.abs(other).tolist(), strict=True)),
+        covariance,
+        solution.span_rad,
+        solution.bend_m,
+        doubt.said,
     )
 
 
 def _measured(view: View, solution: _solve.Solution, number: int) -> View:
-    import cv2
-
     residuals = solution.residuals[number]
-    normal = cv2.Rodrigues(solution.rotations[number])[0][:, 2]
+    normal = solution.rotations[number][:, 2]
     return View(
         view.name,
         True,
@@ -356,24 +395,4 @@ def _measured(view: View, solution: _solve.Solution, number: int) -> View:
         float(math.acos(min(1.0, abs(float(normal[2]))))),
         float(solution.influence[number, 0] / solution.values[0]),
         view.jpeg,
-    )
-
-
-def _names(coefficients: int) -> tuple[str, ...]:
-    from ._distortion import NAMES
-
-    return NAMES["pinhole"][:coefficients]
-
-
-def _too_few(search: Search, board: Board, count: int) -> str:
-    cols, rows = board.size
-    what = "inner corners" if board.pattern == "chessboard" else "squares (ChArUco)"
-    reasons: dict[str, int] = {}
-    for view, corners in search.views:
-        if corners is None:
-            reasons[view.reason] = reasons.get(view.reason, 0) + 1
-    why = "; ".join(f"{reason} in {number}" for reason, number in reasons.items())
-    return (
-        f"a board of {cols} x {rows} {what} was found in {count} of {len(search.views)} pictures, expected at least "
-        f"{_LEAST_VIEWS}{': ' if why else ''}{why}{search.hint}"
     )

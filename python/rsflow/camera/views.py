@@ -145,6 +145,20 @@ class Search:
                 return True
         return False
 
+    def shortage(self, least: int) -> str:
+        """Say that the board was found in too few pictures, and why not in the others."""
+        cols, rows = self.board.size
+        what = "inner corners" if self.board.pattern == "chessboard" else "squares (ChArUco)"
+        reasons: dict[str, int] = {}
+        for view, corners in self.views:
+            if corners is None:
+                reasons[view.reason] = reasons.get(view.reason, 0) + 1
+        why = "; ".join(f"{reason} in {number}" for reason, number in reasons.items())
+        return (
+            f"a board of {cols} x {rows} {what} was found in {self.usable} of {len(self.views)} pictures, expected at "
+            f"least {least}{': ' if why else ''}{why}{self.hint}"
+        )
+
     def try_smaller(self, searcher: Searcher) -> None:
         """Find out whether squares were counted instead of inner corners."""
         if min(self.board.size) < 4:

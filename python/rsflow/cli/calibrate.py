@@ -32,6 +32,7 @@ examples:
   rsflow calibrate 'pictures/*.jpg' --board 9x6 --square 0.025 -o camera.yaml
   rsflow calibrate board.mp4 --board 9x6 --square 0.025 -o camera.json --pictures corners
   rsflow calibrate 0 --board 9x6 --square 0.025 -o camera.yaml      live: says where to hold the board
+  rsflow calibrate wide.mp4 --board 9x6 --square 0.025 --model fisheye -o camera.yaml
   rsflow calibrate shots --pattern charuco --board 8x5 --square 0.03 --marker 0.022 -o camera.yaml
 
 --board counts inner corners of a chessboard (10 x 7 squares have 9x6), squares of a ChArUco board.
@@ -73,7 +74,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dictionary", default="DICT_4X4_50", metavar="NAME", help="ChArUco: ArUco dictionary")
     parser.add_argument("--legacy", action="store_true", help="ChArUco: board made by OpenCV before 4.6")
     parser.add_argument(
-        "--coefficients", type=int, choices=(0, 4, 5, 8, 12), default=5, help="distortion terms (5: k1 k2 p1 p2 k3)"
+        "--model", choices=("pinhole", "fisheye"), default="pinhole", help="of the lens (default: pinhole)"
+    )
+    parser.add_argument(
+        "--coefficients",
+        type=int,
+        choices=(0, 4, 5, 8, 12),
+        help="distortion terms (default 5: k1 k2 p1 p2 k3; fisheye 4: k1 to k4)",
     )
     parser.add_argument("--square-pixels", action="store_true", help="hold fx = fy")
     parser.add_argument("--time-budget", type=float, default=120.0, metavar="S", help="for all searches (default 120)")
@@ -101,6 +108,7 @@ def run(args: argparse.Namespace) -> int:
         marker_size_m=args.marker,
         dictionary=args.dictionary,
         legacy_pattern=args.legacy,
+        model=args.model,
         coefficients=args.coefficients,
         square_pixels=args.square_pixels,
         time_budget_s=args.time_budget,
