@@ -27,7 +27,7 @@ class Inputs:
 
     Examples
     --------
-    >>> import pathlib, tempfile
+    >>> import pathlib, rsflow, tempfile
     >>> from rsflow._inputs import Inputs
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "flow.mp4")
