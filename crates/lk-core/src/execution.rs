@@ -49,7 +49,7 @@ impl Execution {
         if self.threads == 0 {
             crate::parallel::num_threads()
         } else {
-            self.threads
+            self.threads.min(crate::parallel::MAX_THREADS)
         }
     }
 
@@ -69,8 +69,9 @@ impl Execution {
     /// # Errors
     ///
     /// [`Error::Cancelled`] once the cancel flag is true, [`Error::Option`] where the environment asks for instructions
-    /// that are none.
+    /// that are none, or the caller for too many threads.
     pub fn check(&self) -> Result<()> {
+        crate::parallel::check_threads(self.threads)?;
         if self.level.is_none() {
             Level::of_environment()?;
         }

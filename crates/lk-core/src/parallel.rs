@@ -64,7 +64,7 @@ pub fn set_num_threads(threads: usize) -> Result<()> {
     Ok(())
 }
 
-fn check_threads(threads: usize) -> Result<()> {
+pub(crate) fn check_threads(threads: usize) -> Result<()> {
     if threads <= MAX_THREADS {
         return Ok(());
     }
@@ -113,7 +113,6 @@ fn pool(threads: usize) -> Result<Arc<Pool>> {
     {
         return Ok(Arc::clone(pool));
     }
-    check_threads(threads)?;
     let built = ThreadPoolBuilder::new()
         .num_threads(threads)
         .thread_name(|index| format!("lk-core-{index}"))
@@ -180,6 +179,7 @@ where
     F: Fn(Range<usize>, S) -> R + Sync,
     R: Outcome,
 {
+    execution.check()?;
     let threads = execution.num_threads();
     let min_rows = min_rows.max(1);
     if rows == 0 {
@@ -254,6 +254,7 @@ pub(crate) fn within_pool<R: Send>(
     execution: &Execution,
     work: impl FnOnce() -> Result<R> + Send,
 ) -> Result<R> {
+    execution.check()?;
     let threads = execution.num_threads();
     if threads == 1 {
         return work();
