@@ -201,3 +201,16 @@ def test_corners_that_lie_off_hardly_move_the_camera():
     moved = solved(MadeSet(made.camera, corners, 35.0, 0.1), 5)
     assert (np.abs(moved.values - plain.values)[:4] < 1.5 * plain.std[:4]).all()
     assert moved.sigma < 1.5 * plain.sigma
+
+
+def test_of_many_corners_some_are_taken_and_all_are_told(monkeypatch):
+    made = made_set(33, tilt_deg=35.0, count=8, perfect=True)
+    full = solved(made, 5)
+    monkeypatch.setattr(_solve, "_MOST_CORNERS", 200)
+    monkeypatch.setattr(_solve, "_START_CORNERS", 100)
+    some = solved(made, 5)
+    assert [len(part) for part in some.residuals] == [BOARD.corners] * 8
+    assert (np.abs(some.values - full.values) < 3 * some.std).all()
+    assert some.std[0] > full.std[0]
+    assert some.rms < 1.5 * full.rms
+    np.testing.assert_allclose(_solve.again(full, made.corners)[:4], full.values[:4], atol=0.02)

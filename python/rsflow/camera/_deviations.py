@@ -76,8 +76,10 @@ def deviations(problem: Problem, found: Fit) -> Deviations:
     count = problem.inner
     covariance, moved = covariance[:count, :count], moved[:, :count]
     widened = 1.0
+    # With the weights of the last round its minimum is a little elsewhere.
+    base = fit(problem, found, steps=_STEPS, rounds=0)
     for name, index in (("f", 0), ("cx", 2 - problem.square_pixels), ("cy", 3 - problem.square_pixels)):
-        more = _widened(problem, found, index, math.sqrt(plain[index, index]))
+        more = _widened(problem, base, index, math.sqrt(plain[index, index]))
         widened = more if name == "f" else widened
         along = covariance[:, index] / math.sqrt(covariance[index, index])
         covariance = covariance + (more**2 - 1.0) * np.outer(along, along)
@@ -142,9 +144,8 @@ def _few(groups: int) -> float:
     return quantile / z
 
 
-def _widened(problem: Problem, found: Fit, index: int, std: float) -> float:
+def _widened(problem: Problem, base: Fit, index: int, std: float) -> float:
     """How much wider than the tangent shows one parameter is open, from fits with it held at either side."""
-    base = fit(problem, found, steps=_STEPS, rounds=0)
     place = index + (problem.square_pixels and index > 0)
     focal = float(base.camera[0])
     off = min(_OFF * std, _OFF_MOST * focal)

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 # Distortion coefficients that a fit begins with; the others join when those have settled.
 _FIRST = 5
+# Corners of all views that a fit takes at most, that the starts are tried on, and that each view keeps.
+_MOST_CORNERS, _START_CORNERS, _LEAST_CORNERS = 12000, 2500, 12
 # Steps from each start, and from there on with all parameters.
 _START_STEPS, _STEPS = 40, 60
 
@@ -78,9 +80,10 @@ def solve(
         If the views do not determine a camera; the message says what was measured, what is needed and what to do.
     """
     numbers = ids if ids is not None else [np.arange(len(points)) for points in board]
-    problem = Problem.of(
+    whole = Problem.of(
         board, corners, numbers, size=size, model=model, coefficients=coefficients, square_pixels=square_pixels
     )
+    problem = _thinned(whole, _MOST_CORNERS)
     with np.errstate(all="ignore"):
         begun = ends(problem)
         if not begun:
@@ -98,7 +101,7 @@ def solve(
         )
     _agree(begun, found, std, span)
     _unfolded(problem, found)
-    residuals = [part[there] for part, there in zip(found.residuals, problem.there, strict=True)]
+    residuals = [part[there] for part, there in zip(residuals_of(whole, found), whole.there, strict=True)]
     return Solution(
         found.camera,
         worth.covariance,
@@ -117,8 +120,8 @@ def solve(
 def again(solution: Solution, corners: list[NDArray[np.float32]]) -> Array:
     """Give the parameters with other corners in place of those of a solution."""
     seen = solution.problem.seen.copy()
-    for view, (there, points) in enumerate(zip(solution.problem.there, corners, strict=True)):
-        seen[view][there] = points
+    for view, points in enumerate(corners):
+        seen[view, : len(points)] = points
     problem = replace(solution.problem, seen=seen)
     start = replace(solution.found, residuals=residuals_of(problem, solution.found))
     return fit(problem, weighted(problem, start), steps=_STEPS).camera
@@ -126,9 +129,21 @@ def again(solution: Solution, corners: list[NDArray[np.float32]]) -> Array:
 
 def ends(problem: Problem) -> list[Fit]:
     """Where each start leads, on a plane board and with few coefficients, the best first."""
-    first = replace(problem, coefficients=min(problem.coefficients, _FIRST))
+    first = _thinned(replace(problem, coefficients=min(problem.coefficients, _FIRST)), _START_CORNERS)
     reached = [fit(first, start, steps=_START_STEPS, rounds=0, shaped=False) for start in starts(first)]
     return sorted((end for end in reached if math.isfinite(end.cost)), key=lambda end: end.cost)
+
+
+def _thinned(problem: Problem, most: int) -> Problem:
+    """Take fewer corners of large boards, evenly, so that time is bounded: what is wrong is not the corners' noise."""
+    every = int(problem.there.sum()) // most + 1
+    if every == 1:
+        return problem
+    kept = problem.there & (np.arange(problem.there.shape[1]) % every == 0)
+    # A view needs enough for its pose.
+    few = kept.sum(axis=1) < _LEAST_CORNERS
+    kept[few] = problem.there[few]
+    return replace(problem, there=kept)
 
 
 def best(problem: Problem, begun: list[Fit]) -> Fit:
@@ -137,6 +152,7 @@ def best(problem: Problem, begun: list[Fit]) -> Fit:
     lens = np.zeros(problem.coefficients)
     lens[: len(end.camera) - 4] = end.camera[4:]
     start = replace(end, camera=np.concatenate([end.camera[:4], lens]))
+    start = replace(start, residuals=residuals_of(problem, start), weights=problem.there.astype(np.float64))
     return fit(problem, weighted(problem, start), steps=_STEPS)
 
 
