@@ -51,7 +51,7 @@ def test_the_command_prints_json_and_takes_many_names(folder, capsys):
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (["--board", "8x6", "--square", "0.025", "-o", "cam.txt"], 1, "cam.txt: the suffix says no format"),
+        (["--board", "8x6", "--square", "0.025", "-o", "cam.txt"], 1, 'cam.txt", expected a name that ends in'),
         (["--board", "8", "--square", "0.025"], 2, "got '8', expected columns and rows"),
         (["--board", "8x6", "--square", "-1"], 2, "got '-1', expected a length in metres above 0"),
         (["--board", "8x6"], 2, "--square"),

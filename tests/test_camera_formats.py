@@ -162,9 +162,11 @@ def test_a_format_that_cannot_hold_the_camera_says_so(tmp_path):
         camera().save(tmp_path / "c.yaml", format="kalibr")
     with pytest.raises(rsflow.OptionError, match="ROS camera_info cannot hold 12"):
         camera(distortion=(0.1,) * 12).save(tmp_path / "c.yaml")
-    with pytest.raises(rsflow.OptionError, match=r"c\.txt: the suffix says no format: use \.json"):
+    with pytest.raises(rsflow.OptionError, match=r'c\.txt", expected a name that ends in \.json'):
         camera().save(tmp_path / "c.txt")
-    with pytest.raises(rsflow.OptionError, match="format: got 'toml', expected json, opencv, ros or kalibr"):
+    with pytest.raises(
+        rsflow.OptionError, match='format: got "toml", expected "json", "opencv", "ros", "kalibr" or None'
+    ):
         camera().save(tmp_path / "c.txt", format="toml")
     assert list(tmp_path.iterdir()) == []
 
@@ -197,7 +199,7 @@ OPENCV = (
             "got 2 numbers, expected a list of 9",
         ),
         (ROS + MATRIX.replace("600", ".nan"), r"camera_matrix: got \[nan, 0.*expected a list of 9 finite numbers"),
-        (ROS + MATRIX.replace("600", "-600"), r"fx: got -600, expected a focal length"),
+        (ROS + MATRIX.replace("600", "-600"), r"fx: got -600.0, expected a positive number"),
         (ROS + MATRIX.replace("rows: 3", "rows: 4"), "camera_matrix: got 9 numbers, expected 4 x 3"),
         (ROS + MATRIX.replace("[600, 0, 320", "[600, 5, 320"), "without skew"),
         (ROS.replace("640", "-5") + MATRIX, "width: got -5"),
@@ -215,7 +217,7 @@ OPENCV = (
         (json.dumps(OWN | {"width": 10**400}), "width: got 1000.*, expected a whole number"),
         (json.dumps(OWN | {"distortion": "none"}), "distortion: got 'none', expected a list of finite numbers"),
         (json.dumps(OWN | {"model": ["pinhole"]}), r"model: got \['pinhole'\], expected one of pinhole, fisheye"),
-        (json.dumps(OWN | {"std": {"fx": -1}}), "std: got 'fx'"),
+        (json.dumps(OWN | {"std": {"fx": -1}}), r"std\['fx'\]: got -1"),
         (json.dumps(OWN | {"std": [1]}), r"std: got \[1\], expected keys"),
         (OPENCV.format(rows=3, cols=3, rest=""), "not a valid OpenCV FileStorage"),
         (OPENCV.format(rows=100000, cols=100000, rest=""), "got a matrix of 100000 x 100000 in a file of"),

@@ -78,9 +78,12 @@ def test_flow_tells_before_it_measures_what_it_cannot_write(
     tmp_path: Path, pair: tuple[str, str], clip: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for arguments, message in (
-        ([*pair, "-o", "a.txt"], "cannot tell the flow format of '.txt'"),
-        ([*pair, "--picture", "a.mp4"], "must end in one of .png, .jpg, .jpeg, .svg, got 'a.mp4'"),
-        ([*pair, "--picture", "a.mp4", "--style", "color"], "must end in one of .png, .jpg, .jpeg, got 'a.mp4'"),
+        ([*pair, "-o", "a.txt"], '"a.txt", expected a name that ends in .flo'),
+        ([*pair, "--picture", "a.mp4"], 'path: got "a.mp4", expected a name that ends in .png, .jpg, .jpeg or .svg'),
+        (
+            [*pair, "--picture", "a.mp4", "--style", "color"],
+            'path: got "a.mp4", expected a name that ends in .png, .jpg or .jpeg',
+        ),
         ([*pair, "--stop", "3"], "--stop is for a source, got two pictures"),
         ([clip, "-o", str(tmp_path / "a.flo")], "a source has a flow for each pair, expected a folder"),
         ([*pair, "--mask", str(tmp_path / "none.png")], "none.png: no such file or folder"),

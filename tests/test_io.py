@@ -271,23 +271,25 @@ def test_a_changed_byte_never_does_worse_than_an_error(tmp_path: Path, suffix: s
 
 def test_misuse_says_what_is_wrong(tmp_path: Path) -> None:
     flow = np.zeros((2, 2, 2), np.float32)
-    with pytest.raises(rsflow.OptionError, match=r"'\.txt'; expected one of \.flo, \.png"):
+    with pytest.raises(rsflow.OptionError, match=r'path: got ".*a\.txt", expected a name that ends in \.flo, \.png'):
         rsflow.write_flow(tmp_path / "a.txt", flow)
     with pytest.raises(rsflow.FormatError, match=r"'\.txt'"):
         rsflow.read_flow(tmp_path / "a.txt")
-    with pytest.raises(rsflow.OptionError, match="belong together"):
+    with pytest.raises(rsflow.OptionError, match=r"t0_s, t1_s: got 1\.0 and None, expected both or none"):
         rsflow.write_flow(tmp_path / "a.npz", flow, t0_s=1.0)
     for bad in (np.zeros((2, 2)), np.zeros((2, 2, 3)), np.zeros((0, 2, 2))):
-        with pytest.raises(rsflow.ShapeError, match="at least one pixel"):
+        with pytest.raises(rsflow.ShapeError, match="field: got shape"):
             rsflow.write_flow(tmp_path / "a.flo", bad)
     for bad in (np.zeros((2, 2, 2), complex), np.full((2, 2, 2), "x")):
         with pytest.raises(rsflow.DTypeError, match="real numbers"):
             rsflow.write_flow(tmp_path / "a.flo", bad)
     with pytest.raises(rsflow.DTypeError, match="got None, as DenseFlow gives for its first frame"):
         rsflow.write_flow(tmp_path / "a.flo", rsflow.DenseFlow().update(np.zeros((4, 5), np.uint8)))
-    with pytest.raises(rsflow.ShapeError, match="rows of different lengths"):
+    with pytest.raises(rsflow.ShapeError, match="field: got list that is no array"):
         rsflow.write_flow(tmp_path / "a.flo", [[1, 2], [3]])
-    with pytest.raises(rsflow.ShapeError, match=r"valid must be \(2, 2\) as the flow is, got \(3, 3\)"):
+    with pytest.raises(
+        rsflow.ShapeError, match=r"field.valid: got shape \(3, 3\), expected that of the flow, \(2, 2\)"
+    ):
         rsflow.write_flow(tmp_path / "a.flo", SimpleNamespace(uv=flow, valid=np.ones((3, 3), bool)))
     for bad in ("soon", float("nan"), float("inf"), [1.0, 2.0]):
         with pytest.raises(rsflow.OptionError, match=r"t1_s: got .*, expected a finite number of seconds"):

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import _checks
 from ._files import writing
-from .errors import DTypeError, OptionError, ShapeError
+from .errors import OptionError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,17 +26,13 @@ _INK: Color = (255, 255, 255)
 _PANEL: Color = (24, 24, 24)
 
 
-def displayed(picture: NDArray[Any]) -> NDArray[np.uint8]:
+def displayed(picture: NDArray[Any], name: str = "picture") -> NDArray[np.uint8]:
     """Make a new blue, green, red uint8 picture to draw on, of any frame.
 
     uint8 stays as it is; uint16 and floating point are stretched from their 0.5th to their 99.5th percentile.
     """
-    array = np.asarray(picture)
-    if not (array.ndim == 2 or (array.ndim == 3 and array.shape[2] == 3)) or array.size == 0:
-        raise ShapeError(f"a picture must be (height, width) or (height, width, 3), got {array.shape}")
+    array = _checks.picture(name, picture)
     if array.dtype != np.uint8:
-        if array.dtype.kind not in "fu":
-            raise DTypeError(f"a picture must be uint8, uint16 or floating point, got {array.dtype}")
         array = _stretched(array)
     if array.ndim == 2:
         return np.repeat(array[..., None], 3, axis=2)
@@ -57,9 +54,11 @@ def distinct_color(number: int) -> Color:
 
 
 def _stretched(array: NDArray[Any]) -> NDArray[np.uint8]:
-    values = array.astype(np.float32)
+    with np.errstate(over="ignore"):
+        values = array.astype(np.float32)
     low, high = display_range(values)
-    scaled = (np.nan_to_num(values, nan=low) - low) * (255.0 / max(high - low, 1e-6))
+    # Clipped first: what is infinite is black or white.
+    scaled = (np.nan_to_num(values, nan=low).clip(low, high) - low) * (255.0 / max(high - low, 1e-6))
     return scaled.clip(0, 255).astype(np.uint8)
 
 
@@ -121,11 +120,9 @@ def round_number(value: float, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> floa
     return float(max(step for step in steps if step * power <= value * (1 + 1e-9)) * power)
 
 
-def expect_picture_name(path: Path, *, vectors: bool = False) -> None:
-    """Raise OptionError unless the suffix of `path` says PNG, JPEG or, with `vectors`, SVG."""
-    suffixes = (*PICTURE_SUFFIXES, ".svg") if vectors else PICTURE_SUFFIXES
-    if path.suffix.lower() not in suffixes:
-        raise OptionError(f"a picture's name must end in one of {', '.join(suffixes)}, got {path.name!r}")
+def expect_picture_name(path: object, *, vectors: bool = False) -> Path:
+    """Take a path whose suffix says PNG, JPEG or, with `vectors`, SVG."""
+    return _checks.file_name("path", path, (*PICTURE_SUFFIXES, ".svg") if vectors else PICTURE_SUFFIXES)
 
 
 def save_picture(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> None:
@@ -140,8 +137,7 @@ def save_picture(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> No
     """
     import cv2
 
-    path = Path(path)
-    expect_picture_name(path)
+    path = expect_picture_name(path)
     done, data = cv2.imencode(path.suffix.lower(), picture)
     if not done:
         raise OptionError(f"OpenCV could not encode {picture.shape[1]} x {picture.shape[0]} pixels as {path.suffix}")

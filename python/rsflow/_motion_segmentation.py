@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _drawing
+from . import _checks, _drawing
 from . import _regions as regions
 from .errors import ShapeError
 
@@ -102,6 +102,7 @@ class MotionSegmentation:
         """
         import cv2
 
+        boxes = _checks.flag("boxes", boxes)
         shown = self._canvas(picture)
         grey = cv2.convertScaleAbs(cv2.cvtColor(shown, cv2.COLOR_BGR2GRAY), alpha=0.35)
         out: NDArray[np.uint8] = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
@@ -141,7 +142,7 @@ class MotionSegmentation:
     def _canvas(self, picture: NDArray[Any] | None) -> NDArray[np.uint8]:
         out = _drawing.displayed(self.image if picture is None else picture)
         if out.shape[:2] != self.moving.shape:
-            raise ShapeError(f"the picture is {out.shape[:2]} and the frame is {self.moving.shape} (height, width)")
+            raise ShapeError(f"picture: got shape {out.shape[:2]}, expected that of the frame, {self.moving.shape}")
         return out
 
     def _draw_boxes(self, out: NDArray[np.uint8]) -> None:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import csv
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _checks
 from ._extras import require
 from ._files import writing
-from .errors import OptionError
 
 if TYPE_CHECKING:
     from .tracking import Tracks
@@ -85,12 +84,17 @@ class TrackTable:
         t_s, dt_s : float
             Its time, and the time since the frame before, in seconds; NaN where unknown.
         """
-        from .tracking import PointStatus
+        from .tracking import PointStatus, Tracks
 
+        _checks.instance("tracks", tracks, Tracks, "the Tracks of a PointTracker")
+        frame = _checks.integer("frame", frame)
+        t_s = _checks.number("t_s", t_s, of="seconds", or_nan=True)
+        dt_s = _checks.number("dt_s", dt_s, of="seconds", or_nan=True)
         names = np.array([status.name.lower() for status in PointStatus])
         count = len(tracks)
         motion = tracks.displacement
-        speed = motion / dt_s if dt_s > 0 else np.full_like(motion, np.nan)
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            speed = motion / dt_s if dt_s > 0 else np.full_like(motion, np.nan)
         deviation = np.sqrt(tracks.covariance[:, [0, 1], [0, 1]])
         deviation[~np.isfinite(deviation)] = np.nan
         self._parts.append(
@@ -140,21 +144,19 @@ class TrackTable:
         OSError
             If the file cannot be written; an older file of that name then stays.
         """
-        suffix = Path(path).suffix.lower()
-        if suffix == ".parquet":
+        path = _checks.file_name("path", path, (".csv", ".parquet"))
+        if path.suffix.lower() == ".parquet":
             arrow = require("pyarrow", extra="parquet", purpose="writing Parquet")
             parquet = require("pyarrow.parquet", extra="parquet", purpose="writing Parquet")
             table = arrow.table({name: arrow.array(values) for name, values in self.columns.items()})
             with writing(path) as partial:
                 parquet.write_table(table, partial)
-        elif suffix == ".csv":
+        else:
             with writing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
                 writer = csv.writer(file)
                 writer.writerow(self.NAMES)
                 for part in self._parts:
                     writer.writerows(zip(*(_texts(name, part[name]) for name in self.NAMES), strict=True))
-        else:
-            raise OptionError(f"path: got {os.fspath(path)!r}, expected a name that ends in .csv or .parquet")
 
 
 def _texts(name: str, values: NDArray[np.generic]) -> list[str]:

@@ -5,14 +5,13 @@ Public through `rsflow.plotting`. Pictures are blue, green, red uint8, as OpenCV
 
 from __future__ import annotations
 
-import math
 import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _drawing
-from .errors import OptionError, ShapeError
+from . import _checks, _drawing
+from .errors import ShapeError
 from .io import known_flow
 
 if TYPE_CHECKING:
@@ -32,20 +31,20 @@ _LEAST_SHARE = 1e-3
 _WHEEL_STEPS = (15, 6, 4, 11, 13, 6)
 
 
-def vectors_of(field: Field) -> NDArray[np.float32]:
+def vectors_of(field: Field, name: str = "field") -> NDArray[np.float32]:
     """Motion of pixels (height, width, 2) or of points (n, 2), NaN where unknown."""
     given = getattr(field, "uv", field)
-    array = np.asarray(given)
-    if array.ndim == 2 and array.shape[1] == 2 and array.dtype.kind in "fiu":
-        vectors = np.array(array, np.float32)
+    if isinstance(given, np.ndarray) and given.ndim == 2 and given.shape[1] == 2 and given.dtype.kind in "fiu":
+        with np.errstate(over="ignore"):
+            vectors = np.array(given, np.float32)
         if isinstance(given, np.ma.MaskedArray):
             vectors[np.ma.getmaskarray(given).any(axis=1)] = np.nan
         return vectors
-    return known_flow(field)
+    return known_flow(field, name)
 
 
 def _flows(fields: Field | list[Field]) -> list[NDArray[np.float32]]:
-    return [vectors_of(field) for field in (fields if isinstance(fields, list | tuple) else [fields])]
+    return [vectors_of(field, "fields") for field in (fields if isinstance(fields, list | tuple) else [fields])]
 
 
 def largest_motion(fields: Field | list[Field]) -> float:
@@ -55,6 +54,8 @@ def largest_motion(fields: Field | list[Field]) -> float:
     that moves before still ground sets the scale, not the ground's noise.
     """
     flows = _flows(fields)
+    if not flows:
+        raise _checks.refused("fields", fields, "a field or a list of at least one")
     lengths = np.concatenate([np.hypot(flow[..., 0], flow[..., 1]).ravel() for flow in flows])
     lengths = lengths[np.isfinite(lengths)]
     moving = lengths[lengths > _LEAST_MAX_FLOW]
@@ -135,8 +136,10 @@ def flow_to_color(
     >>> rsflow.flow_to_color(flow, order="rgb")[0].tolist()  # to the right is red, still is white
     [[255, 0, 0], [255, 255, 255]]
     """
-    if order not in ("bgr", "rgb"):
-        raise OptionError(f"order must be 'bgr' or 'rgb', got {order!r}")
+    _checks.choice("order", order, ("bgr", "rgb"))
+    legend = _checks.flag("legend", legend)
+    if path is not None:
+        path = _drawing.expect_picture_name(path)
     uv, known = _known(field, valid)
     out = _wheel_colors(uv, known, _checked_max_flow(max_flow, uv, known))
     if legend:
@@ -193,12 +196,14 @@ def flow_over_picture(
     >>> flow_over_picture(np.ones((64, 64, 2)), np.zeros((64, 64), np.uint8), legend=False).shape
     (64, 64, 3)
     """
-    if not 0 <= opacity <= 1:
-        raise OptionError(f"opacity must be from 0 to 1, got {opacity!r}")
+    opacity = _checks.number("opacity", opacity, least=0, most=1)
+    legend = _checks.flag("legend", legend)
+    if path is not None:
+        path = _drawing.expect_picture_name(path)
     uv, known = _known(field, valid)
     ground = _drawing.displayed(picture)
     if ground.shape != (*uv.shape[:2], 3):
-        raise ShapeError(f"the picture is {ground.shape[:2]} and the flow is {uv.shape[:2]} (height, width)")
+        raise ShapeError(f"picture: got shape {ground.shape[:2]}, expected that of the flow, {uv.shape[:2]}")
     limit = _checked_max_flow(fitted_max_flow(field) if max_flow is None else max_flow, uv, known)
     # At full saturation: how much it moves is told by the share of colour, so that the picture stays visible.
     length = np.hypot(uv[..., 0], uv[..., 1])
@@ -238,8 +243,7 @@ def color_wheel(size: int = 151) -> Picture:
     >>> color_wheel(51)[25, 25].tolist()
     [255, 255, 255]
     """
-    if not isinstance(size, int) or size < 3:
-        raise OptionError(f"size must be a whole number from 3, got {size!r}")
+    size = _checks.integer("size", size, least=3, most=10_000, of="pixels")
     radius = (size - 1) / 2
     y, x = np.mgrid[:size, :size].astype(np.float32) - np.float32(radius)
     return _wheel_colors(np.dstack([x, y]), np.hypot(x, y) <= radius, radius)
@@ -250,10 +254,7 @@ def _known(field: Field, valid: ArrayLike | None) -> tuple[NDArray[np.float32], 
     uv = known_flow(field)
     known = np.isfinite(uv[..., 0])
     if valid is not None:
-        mask = np.asarray(valid, bool)
-        if mask.shape != known.shape:
-            raise ShapeError(f"valid must be {known.shape} as the flow is, got {mask.shape}")
-        known &= mask
+        known &= _checks.bools("valid", valid, known.shape, "the flow")
     uv[~known] = 0
     return uv, known
 
@@ -262,9 +263,7 @@ def _checked_max_flow(max_flow: float | None, uv: NDArray[np.float32], known: ND
     if max_flow is None:
         largest = float(np.hypot(uv[..., 0], uv[..., 1]).max()) if known.any() else 0.0
         return largest if largest > 0 else 1.0
-    if not (math.isfinite(max_flow) and max_flow > 0):
-        raise OptionError(f"max_flow must be a positive number of pixels, got {max_flow!r}")
-    return float(max_flow)
+    return _checks.number("max_flow", max_flow, least=1e-30, most=1e30, of="pixels", or_none=True)
 
 
 def _wheel() -> NDArray[np.float32]:

@@ -122,11 +122,12 @@ class FlowField:
         """
         import cv2
 
-        picture = np.asarray(frame)
+        types = "uint8, uint16, float32 or float64"
+        picture = _checks.array("frame", frame, ..., f"a picture of {types}", kinds="fiub")
         if picture.ndim not in (2, 3) or picture.shape[:2] != self.uv.shape[:2]:
             raise ShapeError(f"frame: got shape {picture.shape}, expected the flow's {self.uv.shape[:2]}, or colour")
         if picture.dtype not in (np.uint8, np.uint16, np.float32, np.float64):
-            raise DTypeError(f"frame: got dtype {picture.dtype}, expected uint8, uint16, float32 or float64")
+            raise DTypeError(f"frame: got dtype {picture.dtype}, expected {types}")
         if picture.size == 0:
             return picture.copy()
         height, width = self.uv.shape[:2]

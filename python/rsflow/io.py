@@ -7,13 +7,13 @@ header claims is held against the length of the file before anything is allocate
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from . import _checks
 from ._files import writing
 from ._flow_formats import READERS, UNKNOWN_FROM, WRITERS, npz_times
 from ._limits import max_pixels_of, opened
@@ -88,7 +88,7 @@ def read_flow(path: str | os.PathLike[str], *, max_pixels: int | None = None) ->
     ...     print(rsflow.read_flow(pathlib.Path(folder, "a.flo"))[2, 3])
     [1.5 0. ]
     """
-    path = Path(path)
+    path = _checks.path("path", path)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise FormatError(f"{path}: cannot tell the flow format of {path.suffix!r}; expected one of {_names()}")
@@ -127,7 +127,7 @@ def read_flow_times(path: str | os.PathLike[str]) -> tuple[float, float] | None:
     ...     read_flow_times(pathlib.Path(folder, "a.npz"))
     (0.5, 0.54)
     """
-    path = Path(path)
+    path = _checks.path("path", path)
     if path.suffix.lower() != ".npz":
         return None
     with opened(path) as (file, _):
@@ -180,58 +180,41 @@ def write_flow(
     >>> np.array_equal(again, uv, equal_nan=True)
     True
     """
-    path = Path(path)
-    expect_flow_name(path)
-    if (t0_s is None) != (t1_s is None):
-        raise OptionError(f"t0_s and t1_s belong together, got t0_s={t0_s} and t1_s={t1_s}")
-    times = {} if t0_s is None or t1_s is None else {"t0": _seconds("t0_s", t0_s), "t1": _seconds("t1_s", t1_s)}
+    path = expect_flow_name(path)
+    first = _checks.number_or_none("t0_s", t0_s, of="seconds")
+    second = _checks.number_or_none("t1_s", t1_s, of="seconds")
+    if (first is None) != (second is None):
+        raise OptionError(f"t0_s, t1_s: got {first} and {second}, expected both or none")
+    times = {} if first is None or second is None else {"t0": first, "t1": second}
     uv = known_flow(field)
     with writing(path) as partial:
         WRITERS[path.suffix.lower()](partial, uv, times)
 
 
-def expect_flow_name(path: Path) -> None:
-    """Raise OptionError unless the suffix of `path` says a format of flow to write."""
-    if path.suffix.lower() not in WRITERS:
-        raise OptionError(f"{path}: cannot tell the flow format of {path.suffix!r}; expected one of {_names()}")
+def expect_flow_name(path: object) -> Path:
+    """Take a path whose suffix says a format of flow to write."""
+    return _checks.file_name("path", path, FLOW_SUFFIXES)
 
 
-def known_flow(field: FlowLike | ArrayLike) -> NDArray[np.float32]:
+def known_flow(field: FlowLike | ArrayLike, name: str = "field") -> NDArray[np.float32]:
     """Displacements of a field or an array as a new float32 array, NaN in both components where unknown."""
     if field is None:
-        raise DTypeError("a flow must be an array or a FlowField, got None, as DenseFlow gives for its first frame")
+        raise DTypeError(f"{name}: got None, as DenseFlow gives for its first frame, expected an array or a FlowField")
     valid = getattr(field, "valid", None)
-    try:
-        given = getattr(field, "uv", field)
-        array = np.asarray(given)
-    except ValueError:
-        raise ShapeError("a flow must be (height, width, 2), got rows of different lengths") from None
-    if array.dtype.kind not in "fiu":
-        raise DTypeError(f"a flow must be of real numbers, got dtype {array.dtype}")
-    if array.ndim != 3 or array.shape[2] != 2 or array.size == 0:
-        raise ShapeError(f"a flow must be (height, width, 2) with at least one pixel, got {array.shape}")
+    given = getattr(field, "uv", field)
+    plain = given.data if isinstance(given, np.ma.MaskedArray) else given
+    array = _checks.array(name, plain, ("height", "width", 2), "a flow, (height, width, 2), of real numbers")
+    if array.size == 0:
+        raise ShapeError(f"{name}: got shape {array.shape}, expected at least one pixel")
     with np.errstate(over="ignore"):
         uv = np.array(array, np.float32)
     unknown = ~(np.abs(uv) <= UNKNOWN_FROM).all(axis=2)
     if isinstance(given, np.ma.MaskedArray):
         unknown |= np.ma.getmaskarray(given).any(axis=2)
     if valid is not None:
-        where = np.asarray(valid, bool)
-        if where.shape != unknown.shape:
-            raise ShapeError(f"valid must be {unknown.shape} as the flow is, got {where.shape}")
-        unknown |= ~where
+        unknown |= ~_checks.bools(f"{name}.valid", valid, unknown.shape, "the flow")
     uv[unknown] = np.nan
     return uv
-
-
-def _seconds(name: str, value: float) -> float:
-    try:
-        seconds = float(value)
-    except (TypeError, ValueError):
-        seconds = math.nan
-    if not math.isfinite(seconds):
-        raise OptionError(f"{name}: got {value!r}, expected a finite number of seconds")
-    return seconds
 
 
 def _names() -> str:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import csv
 import dataclasses
 import os
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
+from . import _checks
 from ._files import writing
 from ._regions import labelled
 from ._shared import Shared, alone
-from .errors import OptionError, ShapeError
+from .errors import RsflowError, ShapeError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -140,8 +141,7 @@ class ObjectTracker(Shared):
 
     def __init__(self, *, min_area: int = 1, max_missed: int = 5, min_age: int = 1) -> None:
         for name, value, least in (("min_area", min_area, 1), ("max_missed", max_missed, 0), ("min_age", min_age, 1)):
-            if value < least:
-                raise OptionError(f"{name} must be from {least}, got {value!r}")
+            _checks.integer(name, value, least=least)
         self.min_area = min_area
         self.max_missed = max_missed
         self.min_age = min_age
@@ -179,10 +179,15 @@ class ObjectTracker(Shared):
         ShapeError
             If the sizes do not fit together.
         """
-        mask = np.ascontiguousarray(mask, dtype=bool)
-        if mask.ndim != 2 or (motion is not None and motion.shape != (*mask.shape, 2)):
-            found = None if motion is None else motion.shape
-            raise ShapeError(f"mask must be (height, width) and motion (height, width, 2), got {mask.shape}, {found}")
+        mask = np.ascontiguousarray(_checks.mask("mask", mask))
+        if mask.size == 0:
+            raise ShapeError(f"mask: got shape {mask.shape}, expected at least one pixel")
+        if motion is not None:
+            motion = _checks.array("motion", motion, (*mask.shape, 2), f"numbers, {(*mask.shape, 2)}, as the mask has")
+        if self.labels.size and mask.shape != self.labels.shape:
+            raise ShapeError(f"mask: got shape {mask.shape}, expected that of those before, {self.labels.shape}")
+        if camera_motion is not None:
+            camera_motion = _checks.array("camera_motion", camera_motion, (3, 3), "finite numbers, (3, 3)", finite=True)
         _, labels, stats, centres = labelled(mask)
         regions = [label for label in range(1, len(stats)) if stats[label, 4] >= self.min_area]
         numbers = np.zeros(len(stats), np.int32)
@@ -311,8 +316,9 @@ class ObjectTable:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._writing = writing(path)
+        self._writing = writing(_checks.path("path", path))
         self._file: TextIO | None = None
+        self._rows: Any = None
 
     def __enter__(self) -> ObjectTable:
         self._file = self._writing.__enter__().open("w", newline="", encoding="utf-8")
@@ -340,7 +346,14 @@ class ObjectTable:
         objects : iterable of TrackedObject
             What moves in it.
         """
-        for thing in objects:
+        if self._rows is None:
+            raise RsflowError(
+                "ObjectTable: got a row before the file is open, expected `with ObjectTable(path) as table`"
+            )
+        frame = _checks.integer("frame", frame)
+        t_s = _checks.number("t_s", t_s, of="seconds", or_nan=True)
+        for thing in _checks.iterable("objects", objects, "TrackedObjects"):
+            _checks.instance("objects", thing, TrackedObject, "TrackedObjects")
             self._rows.writerow(
                 [
                     frame,

@@ -7,17 +7,17 @@ once (`QuiverStyle.fitted`, `fitted_max_flow`) and handing it to every call.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _arrows, _drawing
+from . import _arrows, _checks, _drawing
 from ._files import writing
 from .colors import color_wheel, fitted_max_flow, flow_over_picture, flow_to_color, largest_motion, vectors_of
-from .errors import DTypeError, OptionError, ShapeError
+from .errors import OptionError, ShapeError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -77,13 +77,16 @@ class QuiverStyle:
     unit_per_px: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("step", "line_width", "zoom"):
-            if not (isinstance(getattr(self, name), int) and 1 <= getattr(self, name) <= 10_000):
-                raise OptionError(f"{name} must be a whole number from 1, got {getattr(self, name)!r}")
-        for name in ("scale", "unit_per_px", "max_length"):
-            value = getattr(self, name)
-            if not (value is None and name == "max_length") and not (math.isfinite(value) and value > 0):
-                raise OptionError(f"{name} must be a positive number, got {value!r}")
+        put = functools.partial(object.__setattr__, self)
+        for name, most in (("step", 10_000), ("line_width", 255), ("zoom", 1000)):
+            put(name, _checks.integer(name, getattr(self, name), least=1, most=most))
+        for name in ("scale", "unit_per_px"):
+            put(name, _checks.number(name, getattr(self, name), least=1e-9, most=1e9))
+        put("max_length", _checks.number_or_none("max_length", self.max_length, least=1e-9, most=1e9, of="pixels"))
+        levels = "(blue, green, red), integers from 0 to 255"
+        put("color", _checks.integers("color", self.color, 3, levels, least=0, most=255))
+        put("key", _checks.flag("key", self.key))
+        put("unit", _checks.text("unit", self.unit))
 
     @classmethod
     def fitted(
@@ -114,9 +117,13 @@ class QuiverStyle:
             40 arrows side by side, at least 8 px from each other, and a round scale at which the largest motions are
             up to a step and a half long. A picture below 480 px of width is enlarged.
         """
-        if width is None:
-            width = vectors_of(fields[0] if isinstance(fields, list) else fields).shape[-2]
         largest = largest_motion(fields)
+        if width is None:
+            first = vectors_of(fields[0] if isinstance(fields, list | tuple) else fields, "fields")
+            if first.ndim == 2:
+                raise _checks.refused("width", width, "the picture's width in pixels, for the motion of points")
+            width = first.shape[1]
+        width = _checks.integer("width", width, least=1, most=1_000_000, of="pixels")
         if step is None:
             step = max(8, round(width / 40))
         cls(step=step)
@@ -126,6 +133,9 @@ class QuiverStyle:
         if others.get("zoom") is None:
             others["zoom"] = max(1, math.ceil(480 / width))
         return cls(step=step, scale=scale, **others)
+
+
+_KNOBS = tuple(knob.name for knob in dataclasses.fields(QuiverStyle))
 
 
 def quiver(
@@ -183,38 +193,36 @@ def quiver(
     >>> rsflow.quiver(flow, step=8, scale=2, zoom=4).shape
     (384, 512, 3)
     """
-    unknown = set(knobs) - {knob.name for knob in dataclasses.fields(QuiverStyle)}
+    unknown = set(knobs) - set(_KNOBS)
     if unknown:
-        raise OptionError(f"quiver has no knob {sorted(unknown)[0]!r}; see QuiverStyle")
-    if style is not None and not isinstance(style, QuiverStyle):
-        raise DTypeError(f"style: got {style!r}, expected a QuiverStyle")
+        raise OptionError(f"quiver: got the knob {sorted(unknown)[0]!r}, expected one of {', '.join(_KNOBS)}")
+    if style is not None:
+        _checks.instance("style", style, QuiverStyle, "a QuiverStyle")
     if path is not None:
-        _drawing.expect_picture_name(Path(path), vectors=True)
+        path = _drawing.expect_picture_name(path, vectors=True)
     uv = vectors_of(field)
-    size = _size(uv, points, picture)
+    starts = None if points is None else _checks.coordinates("points", points)
+    size = _size(uv, starts, picture)
     canvas = np.full((*size, 3), 48, np.uint8) if picture is None else _drawing.displayed(picture)
     if canvas.shape[:2] != size:
-        raise ShapeError(f"the picture is {canvas.shape[:2]} and the flow is {size} (height, width)")
+        raise ShapeError(f"picture: got shape {canvas.shape[:2]}, expected that of the flow, {size}")
     shown: NDArray[np.bool_] = np.isfinite(uv[..., 0]) & np.isfinite(uv[..., 1])
     if valid is not None:
-        mask = np.asarray(valid, bool)
-        if mask.shape != shown.shape:
-            raise ShapeError(f"valid must be {shown.shape} as the motion is, got {mask.shape}")
-        shown &= mask
+        shown &= _checks.bools("valid", valid, shown.shape, "the motion")
     if style is None:
         style = QuiverStyle.fitted([uv[shown]], width=size[1], **knobs)
     else:
         style = dataclasses.replace(style, **knobs)
-    if points is None:
+    if starts is None:
         where = _arrows.known_grid(shown, style.step)
         columns, rows = where.astype(int).T
         uv, shown = uv[rows, columns], shown[rows, columns]
     else:
-        where = np.asarray(points, np.float64)
+        where = starts.astype(np.float64)
         shown &= np.isfinite(where).all(axis=1)
     where, vectors = where[shown], uv[shown].astype(np.float64)
     drawn = _arrows.raster(canvas, where, vectors, style)
-    if path is not None and Path(path).suffix.lower() == ".svg":
+    if path is not None and path.suffix.lower() == ".svg":
         with writing(path) as partial:
             partial.write_text(_arrows.svg(canvas, where, vectors, style), encoding="utf-8")
     elif path is not None:
@@ -222,14 +230,17 @@ def quiver(
     return drawn
 
 
-def _size(uv: NDArray[np.float32], points: ArrayLike | None, picture: NDArray[Any] | None) -> tuple[int, int]:
+def _size(uv: NDArray[np.float32], points: NDArray[Any] | None, picture: NDArray[Any] | None) -> tuple[int, int]:
     """Height and width of the picture that the motion belongs to."""
     if points is None:
         if uv.ndim != 3:
-            raise ShapeError(f"motion of shape {uv.shape} is of points: say where they were with points=")
+            raise ShapeError(
+                f"field: got the motion of points, shape {uv.shape}, expected points=, which says where they were"
+            )
         return uv.shape[0], uv.shape[1]
-    if np.shape(points) != uv.shape or uv.ndim != 2:
-        raise ShapeError(f"points and their motion must both be (n, 2), got {np.shape(points)} and {uv.shape}")
+    if points.shape != uv.shape:
+        raise ShapeError(f"points: got shape {points.shape}, expected that of their motion, (n, 2), {uv.shape}")
     if picture is None:
-        raise OptionError("the motion of points needs the picture they were found in")
-    return np.shape(picture)[0], np.shape(picture)[1]
+        raise OptionError("picture: got None, expected the picture that the points were found in")
+    height, width = _checks.picture("picture", picture).shape[:2]
+    return height, width

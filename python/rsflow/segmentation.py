@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from . import _camera_motion, _parallax
+from . import _camera_motion, _checks, _parallax
 from . import _motion_evidence as evidence
 from . import _regions as regions
 from ._background import Background, warped
@@ -112,10 +112,8 @@ class MotionSegmenter(Shared):
         max_displacement: float | None = None,
         min_area: int | None = None,
     ) -> None:
-        if camera_motion not in ("moving", "static"):
-            raise OptionError(f"camera_motion must be 'moving' or 'static', got {camera_motion!r}")
-        if min_area is not None and min_area < 1:
-            raise OptionError(f"min_area must be at least 1 pixel, got {min_area!r}")
+        _checks.choice("camera_motion", camera_motion, ("moving", "static"))
+        min_area = _checks.integer_or_none("min_area", min_area, least=1, of="pixels")
         self.static_camera = camera_motion == "static"
         self.min_area = min_area
         self._flow = DenseFlow(preset=preset, illumination=illumination, max_displacement=max_displacement)
@@ -157,24 +155,26 @@ class MotionSegmenter(Shared):
         OptionError
             If a flow is given for some frames only.
         """
-        image = np.asarray(image)
-        if image.ndim != 2 or image.size == 0:
-            raise ShapeError(f"a frame must be grey, (height, width), got {image.shape}")
-        if image.dtype not in (np.uint8, np.uint16, np.float32):
-            raise DTypeError(f"a frame must be uint8, uint16 or float32, got {image.dtype}")
+        image = _checks.frame("image", image)
+        if image.size == 0:
+            raise ShapeError(f"image: got shape {image.shape}, expected at least one pixel")
         current = image.astype(np.float32)
         if image.dtype == np.float32:
             current = np.nan_to_num(current)
         self._rounding = _ROUNDING if image.dtype != np.float32 else max(1e-3 * float(np.ptp(current)), 1e-9)
         if self._previous is not None and current.shape != self._previous.shape:
-            raise ShapeError(f"the frame is {current.shape}, the one before was {self._previous.shape}")
+            raise ShapeError(
+                f"image: got {current.shape}, expected the shape of the frames before, {self._previous.shape}; "
+                "reset() starts another sequence"
+            )
         if flow is None:
             if not self._flow_is_ours:
-                raise OptionError("give the flow of every frame after the first, or of none")
+                raise OptionError("flow: got None, expected that of every frame after the first, or of none")
             flow = self._flow.update(image)
         elif self._previous is None:
-            raise OptionError("the first frame has no flow: give flow=None, or reset() before")
+            raise OptionError("flow: got one for the first frame, which has none, expected None, or reset() before")
         else:
+            flow = _given_flow(flow, current.shape)
             self._flow_is_ours = False
         if self._previous is None or flow is None:
             return self._start(image, current)
@@ -196,8 +196,6 @@ class MotionSegmenter(Shared):
         assert self._moving is not None
         assert self._tracker is not None
         uv = np.asarray(flow.uv, np.float32)
-        if uv.shape != (*current.shape, 2):
-            raise ShapeError(f"the flow is {uv.shape} and the frame is {current.shape}")
         given: Mask = np.isfinite(uv[..., 0] + uv[..., 1])
         trusted = given & np.asarray(flow.valid, bool)
         camera = self._camera(uv, trusted)
@@ -324,3 +322,13 @@ def _evenly(tile: NDArray[np.intp]) -> NDArray[np.intp]:
         inside = np.nonzero(tile == number)[0]
         chosen.append(inside[:: -(-len(inside) // _VECTORS_A_TILE)])
     return np.concatenate(chosen) if chosen else np.zeros(0, np.intp)
+
+
+def _given_flow(flow: FlowLike, shape: tuple[int, ...]) -> FlowLike:
+    """Check what a caller gives as flow: an object with the motion and where it is known."""
+    for part in ("uv", "valid"):
+        if not hasattr(flow, part):
+            raise _checks.refused("flow", flow, "a FlowField", DTypeError)
+    _checks.array("flow.uv", flow.uv, (*shape, 2), f"numbers, {(*shape, 2)}, as the frame has")
+    _checks.bools("flow.valid", flow.valid, tuple(shape), "the frame")
+    return flow

@@ -7,14 +7,13 @@ OpenCV's own encoder is used: VP9, which browsers play as well, at a constant ra
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 from fractions import Fraction
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from . import _checks
 from . import _video_sinks as sinks
 from ._files import Working, writing
 from .errors import DTypeError, OptionError, ShapeError
@@ -28,6 +27,9 @@ if TYPE_CHECKING:
     Picture = NDArray[np.uint8]
 
 __all__ = ["VideoWriter", "encoder", "write_lossless"]
+
+# A video that is longer is an error of its times: a century.
+_LONGEST_S = 3.2e9
 
 _SUFFIXES: dict[str, tuple[str, ...]] = {".mp4": ("h264", "vp9", "mp4v"), ".webm": ("vp9",)}
 
@@ -69,12 +71,11 @@ class VideoWriter:
     """
 
     def __init__(self, path: str | os.PathLike[str], *, frame_rate: float, codec: str | None = None) -> None:
-        self.path = Path(path)
-        if not (isinstance(frame_rate, int | float | Fraction | np.number) and 1e-3 <= frame_rate <= 1e3):
-            raise OptionError(f"frame_rate must be from 0.001 to 1000 pictures a second, got {frame_rate!r}")
+        self.path = _checks.file_name("path", path, tuple(_SUFFIXES))
+        rate = _rate(frame_rate)
         self.codec, self._library = encoder(self.path.suffix, codec=codec)
         self.frames = 0
-        self._rate = Fraction(float(frame_rate)).limit_denominator(1001)
+        self._rate = rate
         self._shape: tuple[int, int] | None = None
         self._sink: sinks.Sink | None = None
         self._file: Working | None = None
@@ -119,7 +120,7 @@ class VideoWriter:
             If it cannot be written, a full disk for one; nothing is left then.
         """
         if self._closed:
-            raise OptionError(f"{self.path} is closed: no picture can be added")
+            raise OptionError(f"picture: got one for {self.path}, which is closed, expected none after finish()")
         bgr = self._checked(picture)
         tick = self._tick(t_s)
         try:
@@ -170,18 +171,14 @@ class VideoWriter:
             file.discard()
 
     def _checked(self, picture: Picture) -> Picture:
-        array = np.asarray(picture)
-        if array.dtype != np.uint8:
-            raise DTypeError(f"a picture of a video must be uint8, got {array.dtype}")
-        if not (array.ndim == 2 or (array.ndim == 3 and array.shape[2] == 3)) or array.size == 0:
-            raise ShapeError(f"a picture must be (height, width) or (height, width, 3), got {array.shape}")
+        array = _checks.picture("picture", picture, uint8_only=True)
         shape = (array.shape[0], array.shape[1])
         if self._shape is None:
             self._shape = shape
         elif shape != self._shape:
             raise ShapeError(
-                f"picture {self.frames} of {self.path} is {shape[1]} x {shape[0]}, "
-                f"the first was {self._shape[1]} x {self._shape[0]}"
+                f"picture: got {shape[1]} x {shape[0]} pixels for picture {self.frames} of {self.path}, "
+                f"expected those of the first, {self._shape[1]} x {self._shape[0]}"
             )
         if array.ndim == 2:
             array = np.repeat(array[..., None], 3, axis=2)
@@ -191,14 +188,19 @@ class VideoWriter:
         return np.ascontiguousarray(array)
 
     def _tick(self, t_s: float | None) -> int:
+        t_s = _checks.number_or_none("t_s", t_s, of="seconds")
         if self.frames == 0:
-            self._start_s = None if t_s is None else float(t_s)
+            self._start_s = t_s
         if (t_s is None) != (self._start_s is None):
-            raise OptionError("t_s must be given for every picture of a video or for none")
-        since = self.frames / self._rate if t_s is None or self._start_s is None else float(t_s) - self._start_s
-        tick = round(since * sinks.CLOCK) if math.isfinite(since) else -1
+            raise OptionError(
+                f"t_s: got {t_s} for picture {self.frames}, expected a time for every picture or for none"
+            )
+        since = self.frames / self._rate if t_s is None or self._start_s is None else t_s - self._start_s
+        if not since <= _LONGEST_S:
+            raise OptionError(f"t_s: got {t_s} s for picture {self.frames}, expected at most {_LONGEST_S:g} s of video")
+        tick = round(since * sinks.CLOCK)
         if tick <= self._last_tick:
-            raise OptionError(f"t_s must increase from picture to picture, got {t_s} s for picture {self.frames}")
+            raise OptionError(f"t_s: got {t_s} s for picture {self.frames}, expected more than for the one before")
         return tick
 
     def _open(self, width: int, height: int) -> None:
@@ -212,6 +214,11 @@ class VideoWriter:
             text = os.strerror(error.errno) if error.errno > 0 else str(error)
             return OSError(error.errno, f"cannot write {self.path}: {text}")
         return error
+
+
+def _rate(frame_rate: float) -> Fraction:
+    rate = _checks.number("frame_rate", frame_rate, least=1e-3, most=1e3, of="pictures a second")
+    return Fraction(rate).limit_denominator(1001)
 
 
 def encoder(suffix: str = ".mp4", *, codec: str | None = None) -> tuple[str, str]:
@@ -242,17 +249,17 @@ def encoder(suffix: str = ".mp4", *, codec: str | None = None) -> tuple[str, str
     >>> rsflow.video.encoder(".webm")[0]
     'vp9'
     """
-    choices = _SUFFIXES.get(suffix.lower())
-    if choices is None:
-        raise OptionError(f"a video's name must end in one of {', '.join(_SUFFIXES)}, got {suffix!r}")
-    if codec is not None and codec not in choices:
-        raise OptionError(f"codec of a {suffix} must be one of {', '.join(choices)}, got {codec!r}")
+    suffix = _checks.text("suffix", suffix).lower()
+    choices = _SUFFIXES[_checks.choice("suffix", suffix, _SUFFIXES)]
+    if codec is not None:
+        _checks.choice("codec", codec, choices, or_none=True)
     for name in choices if codec is None else (codec,):
         for library in ("av", "cv2"):
-            if sinks.av_encoder(name) if library == "av" else sinks.cv2_writes(name, suffix.lower()):
+            if sinks.av_encoder(name) if library == "av" else sinks.cv2_writes(name, suffix):
                 return name, library
     raise OptionError(
-        f"no encoder for {codec or ' or '.join(choices)} in {suffix} here: pip install 'rsflow[video]' brings H.264"
+        f"codec: got no encoder for {codec or ' or '.join(choices)} in {suffix} here, "
+        "expected one: pip install 'rsflow[video]' brings H.264"
     )
 
 
@@ -292,16 +299,19 @@ def write_lossless(path: str | os.PathLike[str], pictures: Iterable[Picture], *,
     """
     import cv2
 
-    rate = Fraction(float(frame_rate)).limit_denominator(1001)
+    path, rate = _checks.file_name("path", path, (".avi",)), _rate(frame_rate)
     sink: sinks.Cv2Sink | None = None
     with writing(path) as partial:
         try:
-            for picture in pictures:
+            for picture in _checks.iterable("pictures", pictures, "pictures of uint8, (height, width)"):
+                _checks.frame("pictures", picture)
+                if picture.dtype != np.uint8 or picture.size == 0:
+                    raise _checks.refused("pictures", picture, "pictures of uint8, (height, width)", DTypeError)
                 if sink is None:
                     sink = sinks.Cv2Sink(partial, "ffv1", rate, picture.shape[1], picture.shape[0])
                 sink.write(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), 0)
             if sink is None:
-                raise OptionError(f"{path}: got no picture, expected at least one")
+                raise OptionError(f"pictures: got none for {path}, expected at least one")
             sink.close()
         except BaseException:
             if sink is not None:

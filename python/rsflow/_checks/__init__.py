@@ -11,30 +11,40 @@ object or a path of the wrong kind is a `DTypeError`, and an array of the wrong 
 
 from __future__ import annotations
 
-from .arrays import array, frame, mask, mask_or_none, picture, points, unmasked, vector
+from .arrays import array, bools, broadcast, coordinates, frame, mask, mask_or_none, picture, points, unmasked, vector
 from .messages import described, refused, shown
 from .options import (
     FLOAT32_MAX,
+    any_of,
     choice,
+    file_name,
     flag,
     function,
     instance,
     integer,
     integer_or_none,
     integers,
+    iterable,
     number,
     number_or_none,
     options,
     path,
     region,
+    size,
+    text,
     whole,
 )
 
 __all__ = [
     "FLOAT32_MAX",
+    "any_of",
     "array",
+    "bools",
+    "broadcast",
     "choice",
+    "coordinates",
     "described",
+    "file_name",
     "flag",
     "frame",
     "function",
@@ -42,6 +52,7 @@ __all__ = [
     "integer",
     "integer_or_none",
     "integers",
+    "iterable",
     "mask",
     "mask_or_none",
     "number",
@@ -53,6 +64,8 @@ __all__ = [
     "refused",
     "region",
     "shown",
+    "size",
+    "text",
     "unmasked",
     "vector",
     "whole",

@@ -47,30 +47,45 @@ def array(
     ):
         raise ShapeError(f"{name}: got shape {found.shape}, expected {expected}")
     if finite and found.dtype.kind == "f" and not np.isfinite(found).all():
-        raise OptionError(f"{name}: got NaN or infinity, expected {expected}, finite")
+        at = np.argwhere(~np.isfinite(found))[0].tolist()
+        where = f"{at}" if at else ""
+        raise OptionError(f"{name}{where}: got {shown(found[tuple(at)])}, expected {expected}")
     return found
 
 
+def broadcast(names: str, first: NDArray[Any], second: NDArray[Any]) -> None:
+    """Refuse two arrays whose shapes do not go together."""
+    try:
+        np.broadcast_shapes(first.shape, second.shape)
+    except ValueError:
+        shapes = f"{first.shape} and {second.shape}"
+        raise ShapeError(f"{names}: got the shapes {shapes}, expected two that broadcast") from None
+
+
 def vector(name: str, value: object, count: int, expected: str) -> NDArray[np.float64]:
-    """Take `count` finite numbers as an array of float64."""
+    """Take `count` finite numbers as an array of float64; `expected` says which."""
     found = array(name, value, (count,), expected, finite=True)
     return found.astype(np.float64)
 
 
+def coordinates(name: str, value: object) -> NDArray[Any]:
+    """Take positions (x, y) as (N, 2) of any real type; an empty list has none. NaN is a point that is not known."""
+    if isinstance(value, (list, tuple)) and not value:
+        return np.empty((0, 2), np.float32)
+    return array(name, value, ("N", 2), "(N, 2), x and y of each point")
+
+
 def points(name: str, value: object) -> NDArray[np.float32]:
-    """Take positions (x, y) as (N, 2) float32; an empty list has none. NaN is a point that cannot be measured.
+    """Take positions as `coordinates` does, as float32.
 
     Examples
     --------
     >>> points("points", [(1, 2), (3, 4)]).shape, points("points", []).shape
     ((2, 2), (0, 2))
     """
-    if isinstance(value, (list, tuple)) and not value:
-        return np.empty((0, 2), np.float32)
-    found = array(name, value, ("N", 2), "(N, 2), x and y of each point")
     # What float32 cannot hold is infinite, which is a point that cannot be measured.
     with np.errstate(over="ignore"):
-        return np.ascontiguousarray(found, dtype=np.float32)
+        return np.ascontiguousarray(coordinates(name, value), dtype=np.float32)
 
 
 _FRAME = "a numpy array (height, width) of uint8, uint16 or float32"
@@ -126,12 +141,20 @@ def mask_or_none(
     return None if value is None else mask(name, value, shape, of)
 
 
-def picture(name: str, value: object, *, integers_only: bool = False) -> NDArray[Any]:
+def bools(name: str, value: object, shape: tuple[int, ...], of: str) -> NDArray[np.bool_]:
+    """Take anything that numpy makes a bool array of `shape` of: where something is known, say."""
+    found: NDArray[np.bool_] = array(name, value, ..., "bools", kinds="b")
+    if found.shape != shape or found.dtype != np.bool_:
+        raise ShapeError(f"{name}: got shape {found.shape}, expected that of {of}, {shape}")
+    return found
+
+
+def picture(name: str, value: object, *, uint8_only: bool = False) -> NDArray[Any]:
     """Take a picture to look at, (height, width) or (height, width, 3): uint8, or also uint16 and floating point."""
-    expected = "uint8" if integers_only else "uint8, uint16 or floating point"
+    expected = "uint8" if uint8_only else "uint8, uint16 or floating point"
     found = array(name, value, ..., f"a picture of {expected}", kinds="fiub")
     if found.ndim not in (2, 3) or (found.ndim == 3 and found.shape[2] != 3) or found.size == 0:
         raise ShapeError(f"{name}: got shape {found.shape}, expected (height, width) or (height, width, 3)")
-    if found.dtype != np.uint8 and (integers_only or (found.dtype != np.uint16 and found.dtype.kind != "f")):
+    if found.dtype != np.uint8 and (uint8_only or (found.dtype != np.uint16 and found.dtype.kind != "f")):
         raise DTypeError(f"{name}: got dtype {found.dtype}, expected {expected}")
     return found

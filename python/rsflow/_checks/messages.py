@@ -26,9 +26,7 @@ def shown(value: object) -> str:
     if value is None or isinstance(value, bool):
         return str(value)
     if isinstance(value, str):
-        # As Rust prints text; what cannot be printed is escaped.
-        body = repr(value[:_LONGEST])[1:-1].replace("\\'", "'").replace('"', '\\"')
-        return f'"{body}"' if len(value) <= _LONGEST else f'"{body}..." ({len(value)} characters)'
+        return _quoted(value, _LONGEST)
     if isinstance(value, int) and value.bit_length() > 256:
         return f"an integer of {value.bit_length()} bits"
     if isinstance(value, float) and value != value:
@@ -42,11 +40,17 @@ def shown(value: object) -> str:
     return type(value).__name__
 
 
+def _quoted(text: str, longest: int) -> str:
+    """Quote text as Rust does; what cannot be printed is escaped."""
+    body = repr(text[:longest])[1:-1].replace("\\'", "'").replace('"', '\\"')
+    return f'"{body}"' if len(text) <= longest else f'"{body}..." ({len(text)} characters)'
+
+
 def _short(value: Any) -> str:
     """Give a list, a tuple or a path as it prints, where that is short."""
     try:
         if isinstance(value, os.PathLike):
-            return shown(os.fspath(value))
+            return _quoted(os.fspath(value), 4 * _LONGEST)
         inside = ", ".join(map(shown, value)) if len(value) <= 16 else ""
     except Exception:
         # A foreign object's own methods, or a list that holds itself.

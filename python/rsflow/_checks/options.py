@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import operator
 import os
@@ -197,6 +198,21 @@ def region(name: str, value: object) -> tuple[int, int, int, int]:
     return x, y, width, height
 
 
+def size(name: str, value: object, *, least: int = 1, most: int = 1_000_000) -> tuple[int, int]:
+    """Take (width, height) in whole pixels."""
+    width, height = integers(
+        name, value, 2, f"(width, height), integers from {least} to {most}", least=least, most=most
+    )
+    return width, height
+
+
+def text(name: str, value: object) -> str:
+    """Take any text."""
+    if not isinstance(value, str):
+        raise refused(name, value, "text")
+    return value
+
+
 def choice(name: str, value: object, allowed: Iterable[Word], *, or_none: bool = False) -> Word:
     """Take one of the words in `allowed`.
 
@@ -212,7 +228,7 @@ def choice(name: str, value: object, allowed: Iterable[Word], *, or_none: bool =
             if word == value:
                 return word
     quoted = [f'"{word}"' for word in words] + (["None"] if or_none else [])
-    raise refused(name, value, " or ".join(filter(None, (", ".join(quoted[:-1]), quoted[-1]))))
+    raise refused(name, value, any_of(quoted))
 
 
 def flag(name: str, value: object) -> bool:
@@ -239,24 +255,65 @@ def path(name: str, value: object, expected: str = "a path") -> Path:
     Traceback (most recent call last):
     rsflow.errors.DTypeError: path: got bytes, expected a path
     """
-    text: object = None
+    given: object = None
     if isinstance(value, (str, os.PathLike)):
         try:
-            text = os.fspath(value)
+            given = os.fspath(value)
         except Exception:
-            text = None
-    if not isinstance(text, str):
+            given = None
+    if not isinstance(given, str):
         raise refused(name, value, expected, DTypeError)
-    if not text or "\0" in text:
-        raise refused(name, text, f"{expected}, not empty and without NUL")
-    return Path(text)
+    if not given or "\0" in given:
+        raise refused(name, given, f"{expected}, not empty and without NUL")
+    try:
+        os.fsencode(given)
+    except UnicodeEncodeError:
+        raise refused(name, given, f"{expected} of characters that the file system can hold") from None
+    return Path(given)
 
 
-def function(name: str, value: T, expected: str = "a function") -> T:
-    """Take something that can be called."""
+def file_name(name: str, value: object, suffixes: Sequence[str]) -> Path:
+    """Take the name of a file to write, which ends in one of `suffixes`, in upper or lower case."""
+    file = path(name, value)
+    if file.suffix.lower() not in suffixes:
+        raise refused(name, file, f"a name that ends in {any_of(suffixes)}")
+    return file
+
+
+def any_of(words: Sequence[str]) -> str:
+    """Give "a, b or c".
+
+    Examples
+    --------
+    >>> any_of(["a"]), any_of([".csv", ".parquet"])
+    ('a', '.csv or .parquet')
+    """
+    return " or ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+
+
+def function(name: str, value: T, arguments: int) -> T:
+    """Take something that can be called with so many arguments; what it raises then is the caller's own."""
+    expected = f"a function of {arguments} argument{'s' if arguments > 1 else ''}"
     if not callable(value):
         raise refused(name, value, expected, DTypeError)
+    try:
+        inspect.signature(value).bind(*[None] * arguments)
+    except TypeError:
+        raise refused(name, value, expected, DTypeError) from None
+    except Exception:
+        # One that does not say what it takes, as many of C do not.
+        return value
     return value
+
+
+def iterable(name: str, value: object, expected: str) -> Iterable[Any]:
+    """Take something that can be gone through, and is no text."""
+    if isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.ndim == 0):
+        raise refused(name, value, expected, DTypeError)
+    try:
+        return iter(value)  # type: ignore[call-overload, no-any-return]
+    except Exception:
+        raise refused(name, value, expected, DTypeError) from None
 
 
 def instance(name: str, value: object, kind: type[T] | tuple[type[T], ...], expected: str) -> T:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import json
 import os
-from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+from .. import _checks
 from .._files import writing
 from .._inputs import Inputs
 from .._limits import read_text
@@ -63,7 +63,11 @@ def load_camera(
     ...     load_camera(pathlib.Path(folder, "camera.json")) == camera
     True
     """
-    file = Path(path)
+    file = _checks.path("path", path)
+    if camera is not None:
+        camera = _checks.text("camera", camera)
+    if size is not None:
+        size = _checks.size("size", size)
     text = read_text(file, most=_MAX_BYTES)
     if not text.strip():
         raise FormatError(f"{file}: the file is empty")
@@ -258,16 +262,12 @@ def format_of(path: str | os.PathLike[str], format: CameraFormat | None = None) 
     >>> format_of("camera.yml"), format_of("camera.yaml", "kalibr")
     ('opencv', 'kalibr')
     """
+    file = _checks.path("path", path)
     if format is not None:
-        if format not in ("json", "opencv", "ros", "kalibr"):
-            raise OptionError(f"format: got {format!r}, expected json, opencv, ros or kalibr")
-        return format
-    kind = CAMERA_SUFFIXES.get(Path(path).suffix.lower())
+        return _checks.choice("format", format, get_args(CameraFormat), or_none=True)
+    kind = CAMERA_SUFFIXES.get(file.suffix.lower())
     if kind is None:
-        raise OptionError(
-            f"{path}: the suffix says no format: use {', '.join(CAMERA_SUFFIXES)}, "
-            "or format= json, opencv, ros or kalibr"
-        )
+        raise _checks.refused("path", file, f"a name that ends in {', '.join(CAMERA_SUFFIXES)}, or format=")
     return kind
 
 
@@ -304,7 +304,8 @@ def save_camera(camera: Camera, path: str | os.PathLike[str], *, format: CameraF
     ...     load_camera(pathlib.Path(folder, "camera.json")) == camera
     True
     """
-    file = Path(path)
+    file = _checks.path("path", path)
+    _checks.instance("camera", camera, Camera, "an rsflow.Camera")
     kind = format_of(file, format)
     if kind == "json":
         text = _json_text(camera)

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Self, TypeAlias
+from typing import Any, Literal, Self, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OptionError, ShapeError
+from .. import _checks
+from ..errors import OptionError
 from . import _distortion
 
 __all__ = ["Camera", "CameraFormat", "CameraModel"]
 
 CameraModel: TypeAlias = Literal["pinhole", "fisheye"]
 CameraFormat: TypeAlias = Literal["json", "opencv", "ros", "kalibr"]
+
+# The longest side of a picture, in pixels.
+_LARGEST = 1_000_000
 
 # How many distortion coefficients each model may have, in OpenCV's order.
 _LENGTHS: dict[str, tuple[int, ...]] = {"pinhole": (0, 4, 5, 8, 12), "fisheye": (0, 4)}
@@ -73,20 +78,14 @@ class Camera:
     std: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        for name in ("fx", "fy", "cx", "cy"):
-            object.__setattr__(self, name, _finite(name, getattr(self, name)))
-        for name in ("fx", "fy"):
-            if getattr(self, name) <= 0:
-                raise OptionError(f"{name}: got {getattr(self, name):g}, expected a focal length in pixels above 0")
+        put = functools.partial(object.__setattr__, self)
+        for name, above in (("fx", 0.0), ("fy", 0.0), ("cx", None), ("cy", None)):
+            put(name, _checks.number(name, getattr(self, name), above=above, of="pixels"))
         for name in ("width", "height"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 1 <= value <= 1_000_000:
-                raise OptionError(f"{name}: got {value!r}, expected an integer number of pixels from 1 to 1000000")
-            object.__setattr__(self, name, int(value))
-        if self.model not in _LENGTHS:
-            raise OptionError(f"model: got {self.model!r}, expected one of {', '.join(_LENGTHS)}")
-        values = np.ravel(np.asarray(self.distortion, dtype=object)).tolist()
-        object.__setattr__(self, "distortion", tuple(_finite(f"distortion[{i}]", v) for i, v in enumerate(values)))
+            put(name, _checks.integer(name, getattr(self, name), least=1, most=_LARGEST, of="pixels"))
+        put("model", _checks.choice("model", self.model, get_args(CameraModel)))
+        values = _checks.array("distortion", self.distortion, ..., "a list of finite numbers", finite=True)
+        put("distortion", tuple(np.ravel(values).astype(np.float64).tolist()))
         lengths = _LENGTHS[self.model]
         if len(self.distortion) not in lengths:
             raise OptionError(
@@ -94,12 +93,10 @@ class Camera:
                 f"{', '.join(map(str, lengths[:-1]))} or {lengths[-1]} for the model {self.model!r}"
             )
         known = ("fx", "fy", "cx", "cy", *self.distortion_names)
-        for name, value in self.std.items():
-            if name not in known or not _finite(f"std[{name!r}]", value) >= 0:
-                raise OptionError(
-                    f"std: got {name!r}: {value!r}, expected a deviation of at least 0 for {', '.join(known)}"
-                )
-        object.__setattr__(self, "std", {name: float(value) for name, value in self.std.items()})
+        deviations = _checks.instance("std", self.std, Mapping, "a mapping of names to deviations")
+        if set(deviations) - set(known):
+            raise _checks.refused("std", next(iter(set(deviations) - set(known))), f"deviations of {', '.join(known)}")
+        put("std", {name: _checks.number(f"std[{name!r}]", value, least=0) for name, value in deviations.items()})
 
     @classmethod
     def from_matrix(
@@ -136,9 +133,7 @@ class Camera:
         >>> Camera.from_matrix(K, width=320, height=240).fx
         300.0
         """
-        K = np.asarray(matrix, dtype=np.float64)
-        if K.shape != (3, 3):
-            raise ShapeError(f"matrix: got shape {K.shape}, expected (3, 3)")
+        K = _checks.array("matrix", matrix, (3, 3), "numbers, (3, 3)").astype(np.float64)
         if abs(K[0, 1]) > 1e-9 * abs(K[0, 0]) or K[1, 0] != 0 or not np.array_equal(K[2], (0.0, 0.0, 1.0)):
             raise OptionError(f"matrix: got {K.tolist()}, expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] without skew")
         return cls(
@@ -148,9 +143,9 @@ class Camera:
             K[1, 2],
             width=width,
             height=height,
-            distortion=tuple(np.ravel(distortion)),
+            distortion=distortion,  # type: ignore[arg-type]
             model=model,
-            std=std or {},
+            std={} if std is None else std,
         )
 
     @property
@@ -215,6 +210,7 @@ class Camera:
         array([[159.5, 119.5],
                [306.7, 119.5]])
         """
+        normalized = _checks.flag("normalized", normalized)
         pixels, dtype = _points(points)
         xy = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
         if any(self.distortion) or self.model == "fisheye":
@@ -250,6 +246,7 @@ class Camera:
         >>> camera.distort_points(camera.undistort_points([[300.0, 119.5]])).round(6)
         array([[300. , 119.5]])
         """
+        normalized = _checks.flag("normalized", normalized)
         xy, dtype = _points(points)
         if not normalized:
             xy = (xy - (self.cx, self.cy)) / (self.fx, self.fy)
@@ -280,8 +277,8 @@ class Camera:
         >>> half.fx, half.cx
         (150.0, 79.5)
         """
-        if width < 1 or height < 1:
-            raise OptionError(f"scaled: got {width} x {height}, expected a size of at least 1 x 1")
+        width = _checks.integer("width", width, least=1, most=_LARGEST, of="pixels")
+        height = _checks.integer("height", height, least=1, most=_LARGEST, of="pixels")
         sx, sy = width / self.width, height / self.height
         factors = {"fx": sx, "cx": sx, "fy": sy, "cy": sy}
         return dataclasses.replace(
@@ -316,9 +313,9 @@ class Camera:
         >>> part.cx, part.cy, part.size
         (59.5, 59.5, (120, 120))
         """
-        x, y, w, h = roi
-        if x < 0 or y < 0 or w < 1 or h < 1 or x + w > self.width or y + h > self.height:
-            raise OptionError(f"roi: got {roi}, expected a region inside {self.width} x {self.height} pixels")
+        x, y, w, h = _checks.region("roi", roi)
+        if w < 1 or h < 1 or x + w > self.width or y + h > self.height:
+            raise OptionError(f"roi: got {(x, y, w, h)}, expected a region inside {self.width} x {self.height} pixels")
         return dataclasses.replace(self, cx=self.cx - x, cy=self.cy - y, width=w, height=h)
 
     @classmethod
@@ -378,19 +375,7 @@ class Camera:
         save_camera(self, path, format=format)
 
 
-def _finite(name: str, value: Any) -> float:
-    try:
-        number = math.nan if isinstance(value, (bool, str, bytes)) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise OptionError(f"{name}: got {value!r}, expected a finite number")
-    return number
-
-
 def _points(points: Any) -> tuple[NDArray[np.float64], np.dtype[Any]]:
-    array = np.asarray(points)
-    if array.ndim != 2 or array.shape[1] != 2:
-        raise ShapeError(f"points: got shape {array.shape}, expected (N, 2), each (x, y)")
+    array = _checks.coordinates("points", points)
     dtype = array.dtype if array.dtype == np.float32 else np.dtype(np.float64)
     return array.astype(np.float64), dtype

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _checks
 from .._rotation import rotation_matrix
 from ..camera.model import Camera
-from ..errors import OptionError
+from ..errors import OptionError, ShapeError
 
 F64 = NDArray[np.float64]
 
@@ -43,16 +44,18 @@ def path_from_rates(
     times_s: F64, height_m: float, velocity_m_s: ArrayLike, rate_rad_s: ArrayLike, tilt_rad: tuple[float, float]
 ) -> Path:
     """Integrate body velocity and rate from a start above the world's origin."""
-    if times_s.ndim != 1 or len(times_s) < 1 or not np.isfinite(times_s).all() or (np.diff(times_s) <= 0).any():
-        raise OptionError("flight: times_s must be a list of finite times in seconds, each later than the one before")
-    if not (np.isfinite(height_m) and height_m > 0):
-        raise OptionError(f"flight: height_m is {height_m!r}, expected a finite height above 0")
+    if len(times_s) < 1 or (np.diff(times_s) <= 0).any():
+        got = f"{len(times_s)} times, not each later than the one before" if len(times_s) else "no time"
+        raise OptionError(f"times_s: got {got}, expected finite times in seconds, each later than the one before")
     count = len(times_s) - 1
     steps = []
     for name, given in (("velocity_m_s", velocity_m_s), ("rate_rad_s", rate_rad_s)):
-        value = np.asarray(given, dtype=np.float64)
-        if value.shape not in ((3,), (count, 3)) or not np.isfinite(value).all():
-            raise OptionError(f"flight: {name} has shape {value.shape}, expected (3,) or ({count}, 3), finite")
+        expected = f"finite numbers, (3,) or ({count}, 3)"
+        value = _checks.array(name, given, ..., expected, finite=True).astype(np.float64)
+        if value.shape not in ((3,), (count, 3)):
+            raise ShapeError(f"{name}: got shape {value.shape}, expected {expected}")
+        if value.size and np.abs(value).max() > 1e6:
+            raise OptionError(f"{name}: got {np.abs(value).max():g}, expected numbers up to 1e6")
         steps.append(np.broadcast_to(value, (count, 3)).copy())
     velocity, rate = steps
     position = [np.array([0.0, 0.0, -float(height_m)])]
@@ -63,7 +66,10 @@ def path_from_rates(
         position.append(position[k] + middle @ velocity[k] * dt)
         attitude.append(attitude[k] @ rotation_matrix(rate[k] * dt))
         if position[-1][2] >= 0:
-            raise OptionError(f"flight: the camera reaches the ground at t = {times_s[k + 1]:g} s; raise height_m")
+            raise OptionError(
+                f"height_m, velocity_m_s: got {height_m:g} m and a way on which the camera reaches the ground at "
+                f"t = {times_s[k + 1]:g} s, expected one above it"
+            )
     return Path(times_s, np.stack(position), np.stack(attitude), velocity, rate)
 
 
@@ -76,7 +82,7 @@ class Optics:
         terms = [float(value) for value in np.ravel(np.asarray(camera.distortion, dtype=np.float64))]
         if camera.model != "pinhole" or len(terms) > 5:
             raise OptionError(
-                f"flight: camera has model {camera.model!r} with {len(terms)} distortion terms, "
+                f"camera: got model {camera.model!r} with {len(terms)} distortion terms, "
                 "expected 'pinhole' with at most 5 (k1 k2 p1 p2 k3)"
             )
         self.distortion = [*terms, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
@@ -110,7 +116,9 @@ class Optics:
             determinant = (ax * by - ay * bx) / (2 * h)
             x = x - (by * ex - bx * ey) / determinant
             y = y - (ax * ey - ay * ex) / determinant
-        raise OptionError(f"flight: the distortion {self.distortion} cannot be inverted over the whole picture")
+        raise OptionError(
+            f"camera: got the distortion {self.distortion}, expected one that can be inverted over the whole picture"
+        )
 
     def rays(self, margin: int) -> tuple[F64, F64]:
         """Undistorted normalised coordinates of all pixels; a row and a column where there is no distortion."""

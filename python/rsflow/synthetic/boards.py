@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OptionError
-from .sensor import Sensor
-
-if TYPE_CHECKING:
-    from ..camera.model import Camera
+from .. import _checks
+from ..camera.model import Camera
+from .sensor import Sensor, sensor_or
 
 __all__ = ["chessboard_views"]
 
@@ -70,12 +68,12 @@ def chessboard_views(
     >>> bool(abs(found.camera.fx - true.fx) < 4 * found.std["fx"])
     True
     """
-    if min(board) < 3 or not (math.isfinite(square_size_m) and square_size_m > 0) or count < 1:
-        raise OptionError(
-            f"chessboard_views: got board={board}, square_size_m={square_size_m}, count={count}, expected at least "
-            "3 x 3 corners, a length above 0 and at least one view"
-        )
-    sensor = sensor or Sensor(noise=2.0, blur_px=0.6)
+    _checks.instance("camera", camera, Camera, "an rsflow.Camera")
+    board = _checks.size("board", board, least=3, most=200)
+    square_size_m = _checks.number("square_size_m", square_size_m, least=1e-6, most=1e6, of="metres")
+    count = _checks.integer("count", count, least=1, most=10_000)
+    seed = _checks.integer("seed", seed, least=0)
+    sensor = sensor_or(Sensor(noise=2.0, blur_px=0.6), sensor)
     sheet, rays = chessboard_sheet(board), sample_rays(camera)
     rng = np.random.default_rng(seed)
     views = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _checks
 from ..camera.capture import Frame
 from ..camera.model import Camera
-from ..errors import OptionError
+from ..errors import ShapeError
 from ._geometry import Optics, Path, path_from_rates
-from .lighting import Lighting
-from .sensor import WEBCAM, Sensor
-from .textures import CONTRAST_LEVELS, MEAN_LEVEL, Texture
+from .lighting import Lighting, lit
+from .sensor import WEBCAM, Sensor, sensor_or
+from .textures import BANDS, CONTRAST_LEVELS, MEAN_LEVEL, Texture
 
 __all__ = ["Flight", "MovingObject", "flight", "flight_with_object"]
 
@@ -58,17 +60,28 @@ class MovingObject:
     seed: int = 1_000
 
     def __post_init__(self) -> None:
-        if self.shape not in ("ellipse", "rectangle"):
-            raise OptionError(f"MovingObject: shape is {self.shape!r}, expected 'ellipse' or 'rectangle'")
-        if not (min(self.size_m) > 0 and np.isfinite([*self.center_m, *self.size_m, *self.velocity_m_s]).all()):
-            raise OptionError(f"MovingObject: expected finite numbers and a size above 0, got {self!r}")
+        put = functools.partial(object.__setattr__, self)
+        for name in ("center_m", "size_m", "velocity_m_s"):
+            values = _checks.vector(name, getattr(self, name), 2, "two finite numbers, along x and y")
+            put(name, tuple(values.tolist()))
+        if not 1e-9 <= min(self.size_m) <= max(self.size_m) <= 1e9:
+            raise _checks.refused("size_m", self.size_m, "two lengths from 1e-09 to 1e+09 metres")
+        _checks.choice("shape", self.shape, ("ellipse", "rectangle"))
+        put("level", _checks.number("level", self.level, least=-1e9, most=1e9, of="grey levels"))
+        put("seed", _checks.integer("seed", self.seed, least=0))
 
     def covers(self, x: F64, y: F64, t_s: float) -> NDArray[np.bool_]:
         """Whether the ground at (x, y), in metres, is under the object at time `t_s`."""
-        a = (x - self.center_m[0] - self.velocity_m_s[0] * t_s) / (0.5 * self.size_m[0])
-        b = (y - self.center_m[1] - self.velocity_m_s[1] * t_s) / (0.5 * self.size_m[1])
-        if self.shape == "ellipse":
-            return np.asarray(a * a + b * b <= 1.0)
+        x = _checks.array("x", x, ..., "metres on the ground").astype(np.float64, copy=False)
+        y = _checks.array("y", y, ..., "metres on the ground").astype(np.float64, copy=False)
+        t_s = _checks.number("t_s", t_s, of="seconds")
+        _checks.broadcast("x, y", x, y)
+        # Far outside it overflows, and is outside.
+        with np.errstate(over="ignore", invalid="ignore"):
+            a = (x - self.center_m[0] - self.velocity_m_s[0] * t_s) / (0.5 * self.size_m[0])
+            b = (y - self.center_m[1] - self.velocity_m_s[1] * t_s) / (0.5 * self.size_m[1])
+            if self.shape == "ellipse":
+                return np.asarray(a * a + b * b <= 1.0)
         return np.asarray((np.abs(a) <= 1.0) & (np.abs(b) <= 1.0))
 
 
@@ -138,8 +151,7 @@ class Flight:
         (height, width, 2) float64
             NaN where the ray of a pixel does not meet the ground.
         """
-        if not 1 <= index < len(self):
-            raise OptionError(f"Flight.flow: index is {index}, expected 1 to {len(self) - 1}")
+        index = _checks.integer("index", index, least=1, most=len(self) - 1)
         optics = Optics(self.camera)
         before, after = float(self.t_s[index - 1]), float(self.t_s[index])
         x, y = optics.ground(*self.path.at(before), margin=0)
@@ -227,19 +239,30 @@ def flight(
     >>> f.flow(1)[0, 0].round(4).tolist()  # 0.02 m/s * 180 px / 0.2 m / 30 Hz, to the left
     [-0.6, 0.0]
     """
-    if camera is None:
-        camera = Camera(180.0, 180.0, 87.5, 71.5, width=176, height=144)
+    camera = _camera(camera)
+    frames = _checks.integer("frames", frames, least=1, most=100_000)
+    rate_hz = _checks.number("rate_hz", rate_hz, least=1e-6, most=1e6, of="frames per second")
+    height_m = _checks.number("height_m", height_m, least=1e-6, most=1e9, of="metres")
+    exposure_s = _checks.number("exposure_s", exposure_s, least=0, most=1e6, of="seconds")
+    seed = _checks.integer("seed", seed, least=0)
+    _checks.choice("kind", kind, BANDS)
+    tilt = _checks.vector("tilt_rad", tilt_rad, 2, "two finite angles in radians")
+    tilt_rad = (float(tilt[0]), float(tilt[1]))
+    sensor = sensor_or(WEBCAM, sensor)
+    lighting = None if lighting is None else _checks.function("lighting", lighting, 1)
+    drift = None if exposure_drift is None else _checks.function("exposure_drift", exposure_drift, 1)
+    objects = list(_checks.iterable("objects", objects, "MovingObjects"))
+    for thing in objects:
+        _checks.instance("objects", thing, MovingObject, "MovingObjects")
     if times_s is None:
-        if frames < 1 or not rate_hz > 0:
-            raise OptionError(f"flight: frames is {frames} and rate_hz {rate_hz}, expected 1 or more and above 0")
         times = np.arange(frames) / rate_hz
     else:
-        times = np.asarray(times_s, dtype=np.float64)
+        expected = "finite times in seconds, each later than the one before"
+        times = _checks.array("times_s", times_s, ("N",), expected, finite=True).astype(np.float64)
     path = path_from_rates(times, height_m, velocity_m_s, rate_rad_s, tilt_rad)
     optics = Optics(camera)
-    scale = height_m / optics.focal_px if texture_scale_m is None else float(texture_scale_m)
-    if not (scale > 0 and np.isfinite(scale)):
-        raise OptionError(f"flight: texture_scale_m is {texture_scale_m!r}, expected a length above 0")
+    given = _checks.number_or_none("texture_scale_m", texture_scale_m, least=1e-9, most=1e9, of="metres")
+    scale = height_m / optics.focal_px if given is None else given
     # The ground repeats after at least two pictures' width.
     period = 1 << max(9, int(np.ceil(np.log2(2 * max(optics.width, optics.height)))))
     scene = _Scene(optics, path, Texture.make(kind, seed=seed, period=period), scale, tuple(objects), kind)
@@ -247,9 +270,9 @@ def flight(
     images, masks = [], []
     for t_s in times:
         image = sensor.blur(scene.exposed(float(t_s), exposure_s, sensor.margin))
-        for light in (lighting, exposure_drift(float(t_s)) if exposure_drift is not None else None):
-            if light is not None:
-                image = light(image)
+        image = lit("lighting", lighting, image)
+        if drift is not None:
+            image = lit("exposure_drift", _checks.function("exposure_drift", drift(float(t_s)), 1), image)
         images.append(sensor.expose(image, rng))
         masks.append(scene.mask(float(t_s)))
     poses = [path.at(float(t)) for t in times]
@@ -294,15 +317,24 @@ def flight_with_object(
     >>> 0.02 < float((f.masks[1] == 1).mean()) < 0.2
     True
     """
-    if camera is None:
-        camera = Camera(180.0, 180.0, 87.5, 71.5, width=176, height=144)
+    camera = _camera(camera)
+    height_m = _checks.number("height_m", height_m, least=1e-6, most=1e9, of="metres")
+    velocity = _checks.array("velocity_m_s", velocity_m_s, ..., "finite numbers, (3,) or (N - 1, 3)", finite=True)
+    if velocity.ndim not in (1, 2) or velocity.shape[-1] != 3 or velocity.size == 0:
+        raise ShapeError(f"velocity_m_s: got shape {velocity.shape}, expected (3,) or (N - 1, 3)")
     if objects is None:
         seen = camera.width / camera.fx * height_m
-        speed = float(np.hypot(*np.asarray(velocity_m_s, np.float64).reshape(-1, 3)[0, :2])) or 0.1 * seen
+        speed = float(np.hypot(*velocity.astype(np.float64).reshape(-1, 3)[0, :2])) or 0.1 * seen
         objects = (
             MovingObject(center_m=(0.1 * seen, -0.2 * seen), size_m=(seen / 4, seen / 5), velocity_m_s=(0.0, speed)),
         )
     return flight(camera, objects=objects, height_m=height_m, velocity_m_s=velocity_m_s, **options)
+
+
+def _camera(camera: Camera | None) -> Camera:
+    if camera is None:
+        return Camera(180.0, 180.0, 87.5, 71.5, width=176, height=144)
+    return _checks.instance("camera", camera, Camera, "an rsflow.Camera")
 
 
 class _Scene:
@@ -322,8 +354,6 @@ class _Scene:
 
     def exposed(self, t_s: float, exposure_s: float, margin: int) -> F64:
         """Render the picture without noise, averaged over the exposure, with `margin` more pixels on each side."""
-        if not (np.isfinite(exposure_s) and exposure_s >= 0):
-            raise OptionError(f"flight: exposure_s is {exposure_s!r}, expected a finite time of 0 or more")
         if exposure_s == 0.0:
             return self.instant(t_s, margin)
         # Half a pixel between instants: the sum then differs from the integral by less than the rounding to uint8.

@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _checks
+
 __all__ = ["LIGHTING", "Lighting", "auto_exposure", "gain", "gamma", "offset", "ramp", "shadow", "spotlight"]
 
 # An image as float64 (height, width) in grey levels of 0..255 -> the image under that light, not clipped.
@@ -33,6 +35,7 @@ def gain(factor: float, plus: float = 0.0) -> Lighting:
     >>> gain(1.5, plus=-5.0)(np.full((1, 2), 100.0))
     array([[145., 145.]])
     """
+    factor, plus = _checks.number("factor", factor), _checks.number("plus", plus, of="grey levels")
     return lambda image: factor * image + plus
 
 
@@ -54,6 +57,7 @@ def offset(levels: float) -> Lighting:
     >>> offset(25.0)(np.full((1, 2), 100.0))
     array([[125., 125.]])
     """
+    levels = _checks.number("levels", levels, of="grey levels")
     return lambda image: image + levels
 
 
@@ -75,6 +79,7 @@ def gamma(exponent: float) -> Lighting:
     >>> gamma(0.5)(np.array([[0.0, 63.75, 255.0]]))
     array([[  0. , 127.5, 255. ]])
     """
+    exponent = _checks.number("exponent", exponent, above=0)
 
     def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
         share: NDArray[np.float64] = np.clip(image, 0.0, 255.0) / 255.0
@@ -103,6 +108,8 @@ def ramp(start: float, stop: float, *, axis: str = "x") -> Lighting:
     >>> ramp(0.8, 1.2)(np.full((1, 3), 100.0))
     array([[ 80., 100., 120.]])
     """
+    start, stop = _checks.number("start", start), _checks.number("stop", stop)
+    _checks.choice("axis", axis, ("x", "y"))
 
     def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
         height, width = image.shape
@@ -135,6 +142,8 @@ def spotlight(levels: float, *, x: float = 0.6, y: float = 0.4, radius: float = 
     >>> bool(lit.max() == lit[4, 4]), bool(lit[0, 0] < 101)
     (True, True)
     """
+    levels = _checks.number("levels", levels, of="grey levels")
+    x, y, radius = _checks.number("x", x), _checks.number("y", y), _checks.number("radius", radius, above=0)
 
     def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
         height, width = image.shape
@@ -167,6 +176,7 @@ def shadow(factor: float, *, x: float = 0.55, slope: float = 0.5) -> Lighting:
     >>> shadow(0.5, x=0.5, slope=0.0)(np.full((1, 4), 100.0))
     array([[100., 100., 100.,  50.]])
     """
+    factor, x, slope = _checks.number("factor", factor), _checks.number("x", x), _checks.number("slope", slope)
 
     def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
         height, width = image.shape
@@ -199,7 +209,18 @@ def auto_exposure(amplitude: float, *, period_s: float = 2.0, phase: float = 0.0
     >>> auto_exposure(0.1, period_s=2.0)(0.5)(np.full((1, 1), 100.0)).round(6)
     array([[110.]])
     """
+    amplitude = _checks.number("amplitude", amplitude)
+    period_s = _checks.number("period_s", period_s, above=0, of="seconds")
+    phase = _checks.number("phase", phase, of="radians")
     return lambda t_s: gain(1.0 + amplitude * float(np.sin(2 * np.pi * t_s / period_s + phase)))
+
+
+def lit(name: str, light: Lighting | None, image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Apply a caller's light, which must give a picture of the same size."""
+    if light is None:
+        return image
+    expected = f"a function that gives finite grey levels, {image.shape}, as it gets"
+    return _checks.array(name, light(image), image.shape, expected, finite=True).astype(np.float64, copy=False)
 
 
 # One of each kind, at a strength that is common outdoors and at a camera's automatic exposure.

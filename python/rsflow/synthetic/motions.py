@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _checks
 from ..errors import OptionError, ShapeError
-from .lighting import Lighting
-from .sensor import Sensor
-from .textures import CONTRAST_LEVELS, MEAN_LEVEL, Texture
+from .lighting import Lighting, lit
+from .sensor import Sensor, sensor_or
+from .textures import BANDS, CONTRAST_LEVELS, MEAN_LEVEL, Texture
 
 __all__ = ["MotionsPair", "Part", "motions_pair"]
 
@@ -53,9 +55,14 @@ class Part:
     kind: str = "fine"
 
     def __post_init__(self) -> None:
-        values = (self.dx, self.dy, self.turn_deg, self.zoom, self.x, self.y)
-        if not (np.isfinite(values).all() and self.zoom > 0):
-            raise OptionError(f"Part: got {values}, expected finite numbers and a positive zoom")
+        put = functools.partial(object.__setattr__, self)
+        for name in ("dx", "dy", "turn_deg", "x", "y"):
+            put(name, _checks.number(name, getattr(self, name), least=-1e9, most=1e9))
+        put("zoom", _checks.number("zoom", self.zoom, least=1e-6, most=1e6))
+        if self.box is not None:
+            expected = "(x, y, width, height), finite numbers, or None"
+            put("box", tuple(_checks.vector("box", self.box, 4, expected).tolist()))
+        _checks.choice("kind", self.kind, BANDS)
 
     @property
     def matrix(self) -> NDArray[np.float64]:
@@ -82,7 +89,9 @@ class Part:
         array([[11., 12.]])
         """
         centre = np.array([self.x, self.y])
-        moved = (np.asarray(points, np.float64) - centre) @ self.matrix.T + centre + np.array([self.dx, self.dy])
+        # What is infinite has no place.
+        with np.errstate(invalid="ignore"):
+            moved = (_places(points) - centre) @ self.matrix.T + centre + np.array([self.dx, self.dy])
         return np.asarray(moved, np.float64)
 
     def trace(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -98,11 +107,13 @@ class Part:
         (..., 2) float64
         """
         centre = np.array([self.x, self.y])
-        offset = np.asarray(points, np.float64) - centre - np.array([self.dx, self.dy])
-        return np.asarray(offset @ np.linalg.inv(self.matrix).T + centre, np.float64)
+        offset = _places(points) - centre - np.array([self.dx, self.dy])
+        with np.errstate(invalid="ignore"):
+            return np.asarray(offset @ np.linalg.inv(self.matrix).T + centre, np.float64)
 
     def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Which points of `prev` the part covers, shape (...,)."""
+        points = _places(points)
         if self.box is None:
             return np.ones(points.shape[:-1], dtype=np.bool_)
         left, top, width, height = self.box
@@ -140,9 +151,7 @@ class MotionsPair:
 
     def truth(self, points: ArrayLike) -> NDArray[np.float64]:
         """Where points (N, 2) of `prev` are in `next`, inside of the frame or not, hidden or not."""
-        points = np.asarray(points, np.float64)
-        if points.ndim != 2 or points.shape[1] != 2:
-            raise ShapeError(f"points: got shape {points.shape}, expected (N, 2), x and y of each point")
+        points = _checks.coordinates("points", points).astype(np.float64)
         part = _at(self.part_prev, points)
         moved = np.full(points.shape, np.nan)
         for index, each in enumerate(self.parts):
@@ -151,7 +160,8 @@ class MotionsPair:
 
     def clear(self, points: ArrayLike, *, radius: int) -> NDArray[np.bool_]:
         """Which points see one part only within `radius` pixels, in both frames, and stay that far inside."""
-        points = np.asarray(points, np.float64)
+        points = _checks.coordinates("points", points).astype(np.float64)
+        radius = _checks.integer("radius", radius, least=0, most=1_000, of="pixels")
         moved = self.truth(points)
         part = _at(self.part_prev, points)
         side = np.arange(-radius, radius + 1)
@@ -198,10 +208,16 @@ def motions_pair(
     array([[13., 10.],
            [50., 40.]])
     """
+    parts = list(_checks.iterable("parts", parts, "Parts, the first of which covers the plane (box=None)"))
+    for part in parts:
+        _checks.instance("parts", part, Part, "Parts")
     if not parts or parts[0].box is not None:
-        raise OptionError("motions_pair: expected a first part that covers the plane (box=None)")
-    sensor = Sensor() if sensor is None else sensor
-    width, height = size
+        first = f"a first one with {parts[0].box}" if parts else "none"
+        raise OptionError(f"parts: got {first}, expected a first part that covers the plane (box=None)")
+    width, height = _checks.size("size", size, most=10_000)
+    seed = _checks.integer("seed", seed, least=0, most=2**48)
+    sensor = sensor_or(Sensor(), sensor)
+    lighting = None if lighting is None else _checks.function("lighting", lighting, 1)
     x, y = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     pixels = np.stack([x, y], axis=-1)
     images = [np.zeros((height, width)) for _ in range(2)]
@@ -212,17 +228,23 @@ def motions_pair(
             inside = part.covers(place)
             image[inside] = MEAN_LEVEL + CONTRAST_LEVELS * texture.sample(place[inside, 0], place[inside, 1])
             label[inside] = index
-    if lighting is not None:
-        images[1] = lighting(images[1])
+    images[1] = lit("lighting", lighting, images[1])
     rng = np.random.default_rng([seed, 130_363])
     prev, after = (sensor.expose(image, rng) for image in images)
     return MotionsPair(prev, after, tuple(parts), labels[0], labels[1])
 
 
+def _places(points: ArrayLike) -> NDArray[np.float64]:
+    found = _checks.array("points", points, ..., "numbers, (..., 2), x and y of each point")
+    if found.ndim == 0 or found.shape[-1] != 2:
+        raise ShapeError(f"points: got shape {found.shape}, expected (..., 2), x and y of each point")
+    return found.astype(np.float64)
+
+
 def _at(labels: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.int64]:
     """Look up the label of the pixel that each point is in; -1 outside."""
     height, width = labels.shape
-    whole = np.round(np.nan_to_num(points, nan=-1.0)).astype(np.int64)
+    whole = np.round(np.nan_to_num(points, nan=-1.0).clip(-1.0, max(width, height))).astype(np.int64)
     inside = ((whole >= 0) & (whole < (width, height))).all(axis=-1)
     found = np.full(points.shape[:-1], -1, dtype=np.int64)
     found[inside] = labels[whole[inside, 1], whole[inside, 0]]

@@ -8,12 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OptionError
+from .. import _checks
+from ..errors import ShapeError
 
 __all__ = ["WEBCAM", "Sensor"]
 
 # dtype -> grey levels of that type for one grey level of 0..255; None keeps the fraction.
 _SCALE: dict[str, float | None] = {"uint8": 1.0, "uint16": 257.0, "float32": None}
+
+
+# A lens this soft shows nothing any more; its kernel would be larger than most pictures.
+_MOST_BLUR_PX = 200.0
 
 
 @dataclass(frozen=True)
@@ -46,11 +51,9 @@ class Sensor:
 
     def __post_init__(self) -> None:
         for name in ("noise", "shot_noise", "blur_px"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise OptionError(f"Sensor: {name} is {value!r}, expected a finite number of 0 or more")
-        if self.dtype not in _SCALE:
-            raise OptionError(f"Sensor: dtype is {self.dtype!r}, expected one of {', '.join(_SCALE)}")
+            most = _MOST_BLUR_PX if name == "blur_px" else 1e9
+            object.__setattr__(self, name, _checks.number(name, getattr(self, name), least=0, most=most))
+        _checks.choice("dtype", self.dtype, _SCALE)
 
     @property
     def margin(self) -> int:
@@ -69,11 +72,14 @@ class Sensor:
         -------
         (height, width) float64
         """
+        image = _image(image)
         if self.blur_px == 0.0:
             return image
         import cv2
 
         m = self.margin
+        if min(image.shape) <= 2 * m:
+            raise ShapeError(f"image: got shape {image.shape}, expected more than the margin of {m} on each side")
         blurred = cv2.GaussianBlur(image, (2 * m + 1, 2 * m + 1), self.blur_px)
         return np.asarray(blurred[m:-m, m:-m], dtype=np.float64)
 
@@ -91,14 +97,28 @@ class Sensor:
         -------
         (height, width) of `dtype`
         """
+        image = _image(image)
+        _checks.instance("rng", rng, np.random.Generator, "a numpy.random.Generator")
         noise: NDArray[np.float64] | float = self.noise
         if self.shot_noise:
             noise = np.sqrt(self.noise**2 + self.shot_noise**2 * np.clip(image, 0.0, None) / 255.0)
         noisy = image + noise * rng.standard_normal(image.shape)
         scale = _SCALE[self.dtype]
         if scale is None:
-            return noisy.astype(np.float32)
+            # What float32 cannot hold is infinite there.
+            with np.errstate(over="ignore"):
+                return noisy.astype(np.float32)
         return np.clip(np.rint(noisy * scale), 0.0, 255.0 * scale).astype(self.dtype)
+
+
+def _image(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    expected = "finite grey levels, (height, width)"
+    return _checks.array("image", image, ("height", "width"), expected, finite=True).astype(np.float64, copy=False)
+
+
+def sensor_or(default: Sensor, sensor: Sensor | None) -> Sensor:
+    """Take a caller's sensor, or the default where there is none."""
+    return default if sensor is None else _checks.instance("sensor", sensor, Sensor, "a Sensor")
 
 
 # A cheap webcam in room light: a soft lens and visible noise.

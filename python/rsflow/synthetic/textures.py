@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _checks
 from ..errors import OptionError
-from .lighting import Lighting
-from .sensor import Sensor
+from .lighting import Lighting, lit
+from .sensor import Sensor, sensor_or
 
 __all__ = ["BANDS", "ShiftedPair", "Texture", "shifted_pair", "texture"]
 
@@ -50,17 +51,16 @@ def texture(shape: tuple[int, int], kind: str = "fine", *, seed: int = 0) -> NDA
     >>> t.shape, round(float(t.std()), 6)
     ((64, 96), 1.0)
     """
-    spectrum = _spectrum(shape, kind, seed, 1.0)
+    expected = "(height, width), integers from 1 to 20000"
+    height, width = _checks.integers("shape", shape, 2, expected, least=1, most=20_000)
+    shape = (height, width)
+    spectrum = _spectrum(shape, _kind(kind), _checks.integer("seed", seed, least=0), 1.0)
     return np.asarray(np.fft.irfft2(spectrum / _deviation(spectrum, shape), s=shape), dtype=np.float64)
 
 
 def _spectrum(shape: tuple[int, int], kind: str, seed: int, oversample: float) -> NDArray[np.complex128]:
     """Make the half spectrum of a texture whose pixels are `oversample` times finer than the bands' pixels."""
-    if kind not in BANDS:
-        raise OptionError(f"texture: kind is {kind!r}, expected one of {', '.join(BANDS)}")
     height, width = shape
-    if height < 1 or width < 1:
-        raise OptionError(f"texture: shape is {shape}, expected a height and a width of 1 or more")
     wy = 2 * np.pi * np.fft.fftfreq(height)[:, None]
     wx = 2 * np.pi * np.fft.rfftfreq(width)[None, :]
     response = np.zeros((height, width // 2 + 1))
@@ -135,7 +135,9 @@ class Texture:
         >>> bool(abs(t.sample(3.2, 5.5) - t.sample(3.2 + 64, 5.5 - 128)) < 1e-9)
         True
         """
-        return _make(kind, seed, period, float(oversample))
+        period = _checks.integer("period", period, least=1, most=16_384)
+        oversample = _checks.number("oversample", oversample, least=1.0 / period, most=16.0)
+        return _make(_kind(kind), _checks.integer("seed", seed, least=0), period, oversample)
 
     def sample(self, x: Any, y: Any) -> NDArray[np.float64]:
         """Values at (x, y), which broadcast; a row of x against a column of y is sampled much faster.
@@ -149,7 +151,8 @@ class Texture:
         -------
         array of the broadcast shape, float64
         """
-        x, y = np.asarray(x, np.float64), np.asarray(y, np.float64)
+        x, y = _coordinate("x", x, self.oversample), _coordinate("y", y, self.oversample)
+        _checks.broadcast("x, y", x, y)
         size = self.coefficients.shape[0]
         columns, wx = _taps(x * self.oversample, size)
         rows, wy = _taps(y * self.oversample, size)
@@ -170,6 +173,17 @@ class Texture:
             line = rows[j] * size
             value += wy[j] * sum(wx[k] * flat[line + columns[k]] for k in range(4))
         return value
+
+
+def _kind(kind: str, name: str = "kind") -> str:
+    return _checks.choice(name, kind, BANDS)
+
+
+def _coordinate(name: str, value: Any, oversample: float) -> NDArray[np.float64]:
+    found = _checks.array(name, value, ..., "finite coordinates", finite=True).astype(np.float64)
+    if found.size and not np.abs(found).max() * oversample < 2**52:
+        raise OptionError(f"{name}: got {np.abs(found).max():g}, expected coordinates that tell grid points apart")
+    return found
 
 
 def _taps(at: NDArray[np.float64], size: int) -> tuple[list[NDArray[np.intp]], list[NDArray[np.float64]]]:
@@ -269,10 +283,12 @@ def shifted_pair(
     >>> pair.prev.shape, pair.prev.dtype, round(pair.bound_px, 3) < 0.02
     ((60, 80), dtype('uint8'), True)
     """
-    if not (np.isfinite(dx) and np.isfinite(dy)):
-        raise OptionError(f"shifted_pair: the displacement is ({dx}, {dy}), expected finite numbers of pixels")
-    sensor = Sensor() if sensor is None else sensor
-    width, height = size
+    dx = _checks.number("dx", dx, least=-10_000, most=10_000, of="pixels")
+    dy = _checks.number("dy", dy, least=-10_000, most=10_000, of="pixels")
+    width, height = size = _checks.size("size", size, most=10_000)
+    kind, seed = _kind(kind), _checks.integer("seed", seed, least=0)
+    sensor = sensor_or(Sensor(), sensor)
+    lighting = None if lighting is None else _checks.function("lighting", lighting, 1)
     margin = sensor.margin
     longest = max(sigma for _, sigma in BANDS.get(kind, ((1.0, 1.0),)))
     # Beyond the pad the scene repeats; that must not be seen in either frame. It is the same for all displacements up
@@ -287,8 +303,7 @@ def shifted_pair(
     scenes = (spectrum, spectrum * np.exp(-1j * (wx * dx + wy * dy)))
     frames = [sensor.blur(np.ascontiguousarray(MEAN_LEVEL + np.fft.irfft2(s, s=shape)[crop])) for s in scenes]
     bound = _bound(frames[0], sensor)
-    if lighting is not None:
-        frames[1] = lighting(frames[1])
+    frames[1] = lit("lighting", lighting, frames[1])
     rng = np.random.default_rng([seed, 104_729])
     prev, after = (sensor.expose(frame, rng) for frame in frames)
     return ShiftedPair(prev, after, float(dx), float(dy), bound)

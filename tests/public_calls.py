@@ -1,0 +1,490 @@
+"""Every public callable of rsflow, found by walking its modules, and for each the arguments of a call that works."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import importlib
+import inspect
+import pkgutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+import rsflow
+from odd_values import HEIGHT, WIDTH
+from rsflow import Camera, Frame, bench, objects, reproduce, synthetic, velocity
+from rsflow.camera import board as boards
+from rsflow.camera import calibration
+from rsflow.extraction import ExtractSettings, Measured
+from rsflow.synthetic import Flight, Sensor
+
+# Not for callers of the package: the command line has a test of its own, and the search serves `calibrate` alone.
+_NOT_WALKED = {"rsflow.cli", "rsflow.camera.views"}
+
+
+def modules(package: ModuleType = rsflow) -> Iterator[ModuleType]:
+    """Yield the public modules; a package without names of its own is only the way to those inside it."""
+    if hasattr(package, "__all__"):
+        yield package
+    if package is not rsflow and hasattr(package, "__all__"):
+        return
+    for found in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
+        if found.name.rpartition(".")[2].startswith("_") or found.name in _NOT_WALKED:
+            continue
+        module = importlib.import_module(found.name)
+        if found.ispkg and not hasattr(module, "__all__"):
+            yield from modules(module)
+        elif hasattr(module, "__all__"):
+            yield module
+
+
+def public() -> dict[str, Any]:
+    """Give each public function, class and method by the first name that it is reached by."""
+    found: dict[str, Any] = {}
+    seen: set[int] = set()
+    for module in modules():
+        for name in sorted(module.__all__):
+            value = getattr(module, name)
+            if not (inspect.isclass(value) or inspect.isroutine(value)) or id(value) in seen:
+                continue
+            if getattr(value, "_is_protocol", False):
+                continue
+            seen.add(id(value))
+            path = f"{module.__name__}.{name}"
+            found[path] = value
+            if inspect.isclass(value):
+                found |= {f"{path}.{member}": method for member, method in _methods(value)}
+    return found
+
+
+def _methods(kind: type) -> Iterator[tuple[str, Any]]:
+    for name in dir(kind):
+        owner = next((base for base in kind.__mro__ if name in vars(base)), object)
+        if name.startswith("_") or not owner.__module__.startswith("rsflow"):
+            continue
+        value = inspect.getattr_static(kind, name)
+        if isinstance(value, property):
+            if value.fset is not None:
+                yield f"{name} = ", value
+        elif callable(getattr(kind, name)) and not isinstance(value, kind):
+            yield name, getattr(kind, name)
+
+
+@functools.cache
+def frame(number: int = 0) -> np.ndarray[Any, Any]:
+    """A frame with texture; each number is one pixel further to the right."""
+    picture = synthetic.texture((HEIGHT, WIDTH + 8), "fine", seed=1)
+    return np.ascontiguousarray(np.clip(picture[:, 8 - number : 8 - number + WIDTH], 0, 255).astype(np.uint8))
+
+
+@functools.cache
+def field() -> rsflow.FlowField:
+    return rsflow.dense_flow(frame(0), frame(1))
+
+
+CAMERA = Camera(40.0, 40.0, 15.5, 11.5, width=WIDTH, height=HEIGHT)
+BOARD = boards.Board((4, 3), 0.02)
+THING = objects.TrackedObject(1, 5.0, 5.0, (2, 2, 6, 6), 30, 1.0, 0.0, 3)
+PART = synthetic.Part(dx=1.0, box=(4.0, 4.0, 12.0, 12.0))
+
+
+@functools.cache
+def flight() -> Flight:
+    return synthetic.flight(CAMERA, frames=2, seed=1)
+
+
+@functools.cache
+def segmentation() -> rsflow.MotionSegmentation:
+    segmenter = rsflow.MotionSegmenter()
+    segmenter.update(frame(0))
+    return segmenter.update(frame(1))
+
+
+@functools.cache
+def a_velocity() -> rsflow.Velocity:
+    estimator = rsflow.VelocityEstimator(CAMERA, height_m=0.2)
+    estimator.update(flight().images[0], 0.0)
+    return estimator.update(flight().images[1], 0.1)
+
+
+@functools.cache
+def tracks() -> rsflow.Tracks:
+    return rsflow.track_points(frame(0), frame(1), [(16, 12), (10, 10)])
+
+
+@functools.cache
+def a_calibration() -> rsflow.Calibration:
+    camera = Camera(60.0, 60.0, 39.5, 29.5, width=80, height=60)
+    pictures = synthetic.chessboard_views(camera, board=(4, 3), count=4, seed=1)
+    view = calibration.View("a", True, corners=np.zeros((12, 2), np.float32), ids=np.arange(12), rms=0.1)
+    del pictures
+    return rsflow.Calibration(camera, 0.1, (view,), BOARD, {}, {})
+
+
+def extraction(folder: Path) -> rsflow.Extraction:
+    return rsflow.Extraction(folder, True, {}, {})
+
+
+def _fields(record: Any) -> dict[str, Any]:
+    return {item.name: getattr(record, item.name) for item in dataclasses.fields(record) if item.init}
+
+
+def _ready(kind: Any, *updates: Any, **options: Any) -> Any:
+    """A streaming object that has seen these frames."""
+    made = kind(**options)
+    for update in updates:
+        made.update(*update) if isinstance(update, tuple) else made.update(update)
+    return made
+
+
+def _writer(folder: Path) -> rsflow.VideoWriter:
+    return rsflow.VideoWriter(folder / "made.mp4", frame_rate=25)
+
+
+def _object_table(folder: Path) -> objects.ObjectTable:
+    return objects.ObjectTable(folder / "objects.csv").__enter__()
+
+
+def _heights() -> velocity.Heights:
+    return velocity.Heights("frame", np.array([0.0, 1.0]), np.array([0.2, 0.3]))
+
+
+def _bench_row() -> bench.Row:
+    return bench.Row("points", "a", "rsflow", 0.1, 0.2, 1.0, 3.0)
+
+
+Call = tuple[Callable[..., Any], dict[str, Any]]
+PAIR = {"prev": frame(0), "next": frame(1)}
+LIT = {"illumination": "none"}
+JOB: dict[str, Any] = {"stride": 1, "videos": False, "progress": False, "frame_rate": 30}
+
+# By qualified name: what makes the function and the arguments of a call that works.
+CALLS: dict[str, Callable[[Path], Call]] = {
+    "rsflow.Calibration": lambda _: (rsflow.Calibration, _fields(a_calibration())),
+    "rsflow.Calibration.advice": lambda _: (a_calibration().advice, {}),
+    "rsflow.Calibration.as_dict": lambda _: (a_calibration().as_dict, {}),
+    "rsflow.Calibration.coverage": lambda _: (a_calibration().coverage, {}),
+    "rsflow.Calibration.draw": lambda folder: (a_calibration().draw, {"folder": folder / "drawn"}),
+    "rsflow.Calibration.save": lambda folder: (a_calibration().save, {"path": folder / "camera.json"}),
+    "rsflow.Calibration.summary": lambda _: (a_calibration().summary, {}),
+    "rsflow.Camera": lambda _: (Camera, _fields(CAMERA)),
+    "rsflow.Camera.cropped": lambda _: (CAMERA.cropped, {"roi": (0, 0, 8, 8)}),
+    "rsflow.Camera.distort_points": lambda _: (CAMERA.distort_points, {"points": [(1.0, 2.0)]}),
+    "rsflow.Camera.from_matrix": lambda _: (
+        Camera.from_matrix,
+        {"matrix": CAMERA.matrix, "width": WIDTH, "height": HEIGHT},
+    ),
+    "rsflow.Camera.load": lambda folder: (Camera.load, {"path": folder / "camera.json"}),
+    "rsflow.Camera.save": lambda folder: (CAMERA.save, {"path": folder / "saved.json"}),
+    "rsflow.Camera.scaled": lambda _: (CAMERA.scaled, {"width": WIDTH // 2, "height": HEIGHT // 2}),
+    "rsflow.Camera.undistort_points": lambda _: (CAMERA.undistort_points, {"points": [(1.0, 2.0)]}),
+    "rsflow.CalibrationError": lambda _: (rsflow.CalibrationError, {}),
+    "rsflow.CaptureError": lambda _: (rsflow.CaptureError, {}),
+    "rsflow.DTypeError": lambda _: (rsflow.DTypeError, {}),
+    "rsflow.DenseFlow": lambda _: (rsflow.DenseFlow, {}),
+    "rsflow.DenseFlow.reset": lambda _: (rsflow.DenseFlow().reset, {}),
+    "rsflow.DenseFlow.update": lambda _: (_ready(rsflow.DenseFlow, frame(0)).update, {"frame": frame(1)}),
+    "rsflow.Extraction": lambda folder: (rsflow.Extraction, _fields(extraction(folder))),
+    "rsflow.ExtractionInterrupted": lambda folder: (
+        rsflow.ExtractionInterrupted,
+        {"message": "stopped", "extraction": extraction(folder)},
+    ),
+    "rsflow.FlowField": lambda _: (rsflow.FlowField, _fields(field())),
+    "rsflow.FlowField.mean": lambda _: (field().mean, {}),
+    "rsflow.FlowField.plot": lambda folder: (field().plot, {"path": folder / "plot.png"}),
+    "rsflow.FlowField.save": lambda folder: (field().save, {"path": folder / "flow.npy"}),
+    "rsflow.FlowField.warp": lambda _: (field().warp, {"frame": frame(1)}),
+    "rsflow.FormatError": lambda _: (rsflow.FormatError, {}),
+    "rsflow.Frame": lambda _: (Frame, {"image": frame(), "t_s": 0.0, "index": 0}),
+    "rsflow.Frames": lambda _: (
+        rsflow.Frames,
+        {
+            "reader": rsflow.frames([frame()])._reader,
+            **dict.fromkeys(("roi", "stop", "times", "frame_rate")),
+            **{"grey": True, "color": False, "start": 0, "stride": 1},
+        },
+    ),
+    "rsflow.Frames.close": lambda _: (rsflow.frames([frame()]).close, {}),
+    "rsflow.MissingExtraError": lambda _: (rsflow.MissingExtraError, {}),
+    "rsflow.MotionSegmentation": lambda _: (rsflow.MotionSegmentation, _fields(segmentation())),
+    "rsflow.MotionSegmentation.moving_view": lambda _: (segmentation().moving_view, {}),
+    "rsflow.MotionSegmentation.static_view": lambda _: (segmentation().static_view, {}),
+    "rsflow.MotionSegmenter": lambda _: (rsflow.MotionSegmenter, {}),
+    "rsflow.MotionSegmenter.reset": lambda _: (rsflow.MotionSegmenter().reset, {}),
+    "rsflow.MotionSegmenter.update": lambda _: (
+        _ready(rsflow.MotionSegmenter, frame(0)).update,
+        {"image": frame(1)},
+    ),
+    "rsflow.OptionError": lambda _: (rsflow.OptionError, {}),
+    "rsflow.PartialExtractionError": lambda folder: (
+        rsflow.PartialExtractionError,
+        {"message": "broke off", "extraction": extraction(folder)},
+    ),
+    "rsflow.PointStatus": lambda _: (rsflow.PointStatus, {"value": 0}),
+    "rsflow.PointTracker": lambda _: (rsflow.PointTracker, {}),
+    "rsflow.PointTracker.reset": lambda _: (rsflow.PointTracker().reset, {}),
+    "rsflow.PointTracker.to_table": lambda _: (rsflow.PointTracker(record=True).to_table, {}),
+    "rsflow.PointTracker.update": lambda _: (
+        _ready(rsflow.PointTracker, frame(0), record=True).update,
+        {"frame": frame(1)},
+    ),
+    "rsflow.QuiverStyle": lambda _: (rsflow.QuiverStyle, {}),
+    "rsflow.QuiverStyle.fitted": lambda _: (rsflow.QuiverStyle.fitted, {"fields": field()}),
+    "rsflow.RsflowError": lambda _: (rsflow.RsflowError, {}),
+    "rsflow.ShapeError": lambda _: (rsflow.ShapeError, {}),
+    "rsflow.Shift": lambda _: (rsflow.Shift, _fields(rsflow.estimate_shift(**PAIR))),
+    "rsflow.ShiftStatus": lambda _: (rsflow.ShiftStatus, {"value": 0}),
+    "rsflow.Tracks": lambda _: (rsflow.Tracks, _fields(tracks())),
+    "rsflow.Velocity": lambda _: (rsflow.Velocity, _fields(a_velocity())),
+    "rsflow.Velocity.budget": lambda _: (a_velocity().budget, {}),
+    "rsflow.VelocityEstimator": lambda _: (rsflow.VelocityEstimator, {"camera": CAMERA}),
+    "rsflow.VelocityEstimator.reset": lambda _: (rsflow.VelocityEstimator(CAMERA).reset, {}),
+    "rsflow.VelocityEstimator.update": lambda _: (
+        _ready(rsflow.VelocityEstimator, (flight().images[0], 0.0), camera=CAMERA).update,
+        {"image": flight().images[1], "t_s": 0.1, "height_m": 0.2},
+    ),
+    "rsflow.VelocityStatus": lambda _: (rsflow.VelocityStatus, {"value": 0}),
+    "rsflow.VideoWriter": lambda folder: (rsflow.VideoWriter, {"path": folder / "made.mp4", "frame_rate": 25}),
+    "rsflow.VideoWriter.discard": lambda folder: (_writer(folder).discard, {}),
+    "rsflow.VideoWriter.finish": lambda folder: (_writer(folder).finish, {}),
+    "rsflow.VideoWriter.write": lambda folder: (_writer(folder).write, {"picture": frame()}),
+    "rsflow.build_info": lambda _: (rsflow.build_info, {}),
+    "rsflow.calibrate": lambda _: (
+        rsflow.calibrate,
+        {"images": [frame(), frame(1)], "board": (4, 3), "square_size_m": 0.02, "time_budget_s": 1.0},
+    ),
+    "rsflow.dense_flow": lambda _: (rsflow.dense_flow, {**PAIR}),
+    "rsflow.detect_corners": lambda _: (rsflow.detect_corners, {"frame": frame()}),
+    "rsflow.estimate_shift": lambda _: (rsflow.estimate_shift, {**PAIR}),
+    "rsflow.extract": lambda folder: (rsflow.extract, {"source": [frame(0), frame(1)], "out": folder / "job", **JOB}),
+    "rsflow.extract_many": lambda folder: (rsflow.extract_many, {"sources": ["nowhere.mp4"], "out": folder, "jobs": 1}),
+    "rsflow.flow_to_color": lambda _: (rsflow.flow_to_color, {"field": field()}),
+    "rsflow.frames": lambda _: (rsflow.frames, {"source": [frame(0), frame(1)]}),
+    "rsflow.get_num_threads": lambda _: (rsflow.get_num_threads, {}),
+    "rsflow.quiver": lambda _: (rsflow.quiver, {"field": field()}),
+    "rsflow.read_flow": lambda folder: (rsflow.read_flow, {"path": folder / "flow.npz"}),
+    "rsflow.set_num_threads": lambda _: (rsflow.set_num_threads, {"threads": rsflow.get_num_threads()}),
+    "rsflow.track_points": lambda _: (rsflow.track_points, {**PAIR, "points": [(16, 12)]}),
+    "rsflow.write_flow": lambda folder: (rsflow.write_flow, {"path": folder / "written.npy", "field": field()}),
+    "rsflow.batch.BatchItem": lambda folder: (
+        rsflow.batch.BatchItem,
+        {"source": 0, "folder": folder, "status": "done", "error": "", "summary": {}},
+    ),
+    "rsflow.batch.folder_names": lambda _: (rsflow.batch.folder_names, {"sources": ["a.mp4", 0]}),
+    "rsflow.bench.Bench": lambda _: (
+        bench.Bench,
+        {"rows": (_bench_row(),), "cpu_level": "avx2", "threads": 1, "rounds": 1, "versions": {}},
+    ),
+    "rsflow.bench.Bench.conditions": lambda _: (bench.Bench((_bench_row(),), "avx2", 1, 1, {}).conditions, {}),
+    "rsflow.bench.Bench.tables": lambda _: (bench.Bench((_bench_row(),), "avx2", 1, 1, {}).tables, {}),
+    "rsflow.bench.Row": lambda _: (bench.Row, _fields(_bench_row())),
+    "rsflow.bench.measure": lambda _: (bench.measure, {"threads": 1, "rounds": 1, "quick": True}),
+    "rsflow.bench.with_tables": lambda _: (
+        bench.with_tables,
+        {"text": f"{bench.BEGIN}\n{bench.END}\n", "bench": bench.Bench((_bench_row(),), "avx2", 1, 1, {})},
+    ),
+    "rsflow.camera.board.Board": lambda _: (boards.Board, _fields(BOARD)),
+    "rsflow.camera.board.Board.points": lambda _: (BOARD.points, {}),
+    "rsflow.camera.board.Board.smaller": lambda _: (BOARD.smaller, {}),
+    "rsflow.camera.board.Corners": lambda _: (
+        boards.Corners,
+        {"points": np.zeros((1, 2), np.float32), "ids": np.zeros(1, np.int64), "plain": np.zeros((1, 2), np.float32)},
+    ),
+    "rsflow.camera.board.find_corners": lambda _: (boards.find_corners, {"image": frame(), "board": BOARD}),
+    "rsflow.camera.calibration.View": lambda _: (calibration.View, {"name": "a", "used": True}),
+    "rsflow.camera.formats.format_of": lambda _: (rsflow.camera.formats.format_of, {"path": "camera.json"}),
+    "rsflow.camera.formats.load_camera": lambda folder: (
+        rsflow.camera.formats.load_camera,
+        {"path": folder / "camera.json"},
+    ),
+    "rsflow.camera.formats.save_camera": lambda folder: (
+        rsflow.camera.formats.save_camera,
+        {"camera": CAMERA, "path": folder / "saved.json"},
+    ),
+    "rsflow.extraction.ExtractSettings": lambda _: (ExtractSettings, {}),
+    "rsflow.extraction.ExtractSettings.as_text": lambda _: (ExtractSettings().as_text, {}),
+    "rsflow.extraction.ExtractSettings.validate": lambda _: (ExtractSettings().validate, {}),
+    "rsflow.extraction.Measured": lambda _: (
+        Measured,
+        dict.fromkeys(("frame", "flow", "segmentation", "velocity", "motion", "objects", "velocity_row")),
+    ),
+    "rsflow.interop.opencv.DISOpticalFlow_create": lambda _: (rsflow.interop.opencv.DISOpticalFlow_create, {}),
+    "rsflow.interop.opencv.DenseFlow": lambda _: (rsflow.interop.opencv.DenseFlow, {}),
+    "rsflow.interop.opencv.DenseFlow.calc": lambda _: (
+        rsflow.interop.opencv.DenseFlow().calc,
+        {"I0": frame(0), "I1": frame(1), "flow": None},
+    ),
+    "rsflow.interop.opencv.DenseFlow.collectGarbage": lambda _: (
+        rsflow.interop.opencv.DenseFlow().collectGarbage,
+        {},
+    ),
+    "rsflow.interop.opencv.buildOpticalFlowPyramid": lambda _: (
+        rsflow.interop.opencv.buildOpticalFlowPyramid,
+        {"img": frame(), "winSize": (5, 5), "maxLevel": 1},
+    ),
+    "rsflow.interop.opencv.calcOpticalFlowPyrLK": lambda _: (
+        rsflow.interop.opencv.calcOpticalFlowPyrLK,
+        {
+            "prevImg": frame(0),
+            "nextImg": frame(1),
+            "prevPts": np.array([[[16.0, 12.0]]], np.float32),
+            "nextPts": None,
+            "winSize": (5, 5),
+        },
+    ),
+    "rsflow.interop.opencv.goodFeaturesToTrack": lambda _: (
+        rsflow.interop.opencv.goodFeaturesToTrack,
+        {"image": frame(), "maxCorners": 5, "qualityLevel": 0.1, "minDistance": 2.0},
+    ),
+    "rsflow.io.read_flow_times": lambda folder: (rsflow.io.read_flow_times, {"path": folder / "flow.npz"}),
+    "rsflow.live.LiveReading": lambda _: (
+        rsflow.live.LiveReading,
+        _fields(next(iter(rsflow.live.readings([frame(0), frame(1)])))),
+    ),
+    "rsflow.live.LiveReading.as_dict": lambda _: (
+        next(iter(rsflow.live.readings([frame(0), frame(1)]))).as_dict,
+        {},
+    ),
+    "rsflow.live.readings": lambda _: (
+        lambda **given: list(rsflow.live.readings(**given)),
+        {"source": [frame(), frame(1)]},
+    ),
+    "rsflow.objects.ObjectTable": lambda folder: (objects.ObjectTable, {"path": folder / "objects.csv"}),
+    "rsflow.objects.ObjectTable.write": lambda folder: (
+        _object_table(folder).write,
+        {"frame": 0, "t_s": 0.0, "objects": [THING]},
+    ),
+    "rsflow.objects.ObjectTracker": lambda _: (objects.ObjectTracker, {}),
+    "rsflow.objects.ObjectTracker.update": lambda _: (
+        objects.ObjectTracker().update,
+        {"mask": frame() > 100, "motion": np.zeros((HEIGHT, WIDTH, 2)), "camera_motion": np.eye(3)},
+    ),
+    "rsflow.objects.TrackedObject": lambda _: (objects.TrackedObject, _fields(THING)),
+    "rsflow.plotting.color_wheel": lambda _: (rsflow.plotting.color_wheel, {}),
+    "rsflow.plotting.fitted_max_flow": lambda _: (rsflow.plotting.fitted_max_flow, {"fields": field()}),
+    "rsflow.plotting.flow_over_picture": lambda _: (
+        rsflow.plotting.flow_over_picture,
+        {"field": field(), "picture": frame()},
+    ),
+    "rsflow.reproduce.Condition": lambda _: (reproduce.Condition, {"name": "plain"}),
+    "rsflow.reproduce.FocalLength": lambda _: (
+        reproduce.FocalLength,
+        {"rows_px": np.zeros(1), "mean_px": 1.0, "spread_px": 1.0, "calibrated_px": 1.0},
+    ),
+    "rsflow.reproduce.Group": lambda _: (reproduce.Group, dict.fromkeys(_names(reproduce.Group), 1.0)),
+    "rsflow.reproduce.RealMotion": lambda _: (reproduce.RealMotion, dict.fromkeys(_names(reproduce.RealMotion), 1.0)),
+    "rsflow.reproduce.SyntheticMotion": lambda _: (
+        reproduce.SyntheticMotion,
+        dict.fromkeys(_names(reproduce.SyntheticMotion)),
+    ),
+    "rsflow.reproduce.groups": lambda _: (
+        reproduce.groups,
+        {"rows": [reproduce.RealMotion(**dict.fromkeys(_names(reproduce.RealMotion), 1.0))]},
+    ),
+    "rsflow.reproduce.implied_focal_length": lambda _: (reproduce.implied_focal_length, {}),
+    "rsflow.reproduce.photographs": lambda _: (reproduce.photographs, {}),
+    "rsflow.reproduce.real_motion": lambda _: (reproduce.real_motion, {"frames": 2}),
+    "rsflow.reproduce.report": lambda _: (reproduce.report, {}),
+    "rsflow.reproduce.synthetic_motion": lambda _: (
+        reproduce.synthetic_motion,
+        {"pictures": {}, "condition": reproduce.CONDITIONS[0]},
+    ),
+    "rsflow.reproduce.textures": lambda _: (reproduce.textures, {}),
+    "rsflow.synthetic.Flight": lambda _: (Flight, _fields(flight())),
+    "rsflow.synthetic.Flight.flow": lambda _: (flight().flow, {"index": 1}),
+    "rsflow.synthetic.MotionsPair": lambda _: (synthetic.MotionsPair, _fields(_motions())),
+    "rsflow.synthetic.MotionsPair.clear": lambda _: (_motions().clear, {"points": [(8, 8)], "radius": 2}),
+    "rsflow.synthetic.MotionsPair.truth": lambda _: (_motions().truth, {"points": [(8, 8)]}),
+    "rsflow.synthetic.MovingObject": lambda _: (
+        synthetic.MovingObject,
+        {"center_m": (0.0, 0.0), "size_m": (0.02, 0.02), "velocity_m_s": (0.01, 0.0)},
+    ),
+    "rsflow.synthetic.MovingObject.covers": lambda _: (
+        synthetic.MovingObject((0.0, 0.0), (0.02, 0.02), (0.01, 0.0)).covers,
+        {"x": np.zeros(2), "y": np.zeros(2), "t_s": 0.0},
+    ),
+    "rsflow.synthetic.Part": lambda _: (synthetic.Part, {}),
+    "rsflow.synthetic.Part.covers": lambda _: (PART.covers, {"points": np.zeros((1, 2))}),
+    "rsflow.synthetic.Part.move": lambda _: (PART.move, {"points": np.zeros((1, 2))}),
+    "rsflow.synthetic.Part.trace": lambda _: (PART.trace, {"points": np.zeros((1, 2))}),
+    "rsflow.synthetic.Sensor": lambda _: (Sensor, {}),
+    "rsflow.synthetic.Sensor.blur": lambda _: (Sensor(blur_px=0.7).blur, {"image": frame().astype(float)}),
+    "rsflow.synthetic.Sensor.expose": lambda _: (
+        Sensor().expose,
+        {"image": frame().astype(float), "rng": np.random.default_rng(1)},
+    ),
+    "rsflow.synthetic.ShiftedPair": lambda _: (synthetic.ShiftedPair, _fields(synthetic.shifted_pair(1, 0, seed=1))),
+    "rsflow.synthetic.Texture": lambda _: (synthetic.Texture, {"coefficients": np.ones((4, 4)), "oversample": 2.0}),
+    "rsflow.synthetic.Texture.make": lambda _: (synthetic.Texture.make, {"period": 16}),
+    "rsflow.synthetic.Texture.sample": lambda _: (
+        synthetic.Texture.make(period=16).sample,
+        {"x": np.zeros(2), "y": np.zeros(2)},
+    ),
+    "rsflow.synthetic.auto_exposure": lambda _: (synthetic.auto_exposure, {"amplitude": 0.1}),
+    "rsflow.synthetic.chessboard_views": lambda _: (
+        synthetic.chessboard_views,
+        {"camera": CAMERA, "board": (4, 3), "count": 1},
+    ),
+    "rsflow.synthetic.flight": lambda _: (synthetic.flight, {"camera": CAMERA, "frames": 1}),
+    "rsflow.synthetic.flight_with_object": lambda _: (synthetic.flight_with_object, {"camera": CAMERA}),
+    "rsflow.synthetic.gain": lambda _: (synthetic.gain, {"factor": 0.7}),
+    "rsflow.synthetic.gamma": lambda _: (synthetic.gamma, {"exponent": 0.7}),
+    "rsflow.synthetic.motions_pair": lambda _: (
+        synthetic.motions_pair,
+        {"parts": [synthetic.Part()], "size": (32, 24)},
+    ),
+    "rsflow.synthetic.offset": lambda _: (synthetic.offset, {"levels": 5.0}),
+    "rsflow.synthetic.ramp": lambda _: (synthetic.ramp, {"start": 0.0, "stop": 5.0}),
+    "rsflow.synthetic.shadow": lambda _: (synthetic.shadow, {"factor": 0.7}),
+    "rsflow.synthetic.shifted_pair": lambda _: (synthetic.shifted_pair, {"dx": 1.0, "dy": 0.0, "size": (16, 12)}),
+    "rsflow.synthetic.spotlight": lambda _: (synthetic.spotlight, {"levels": 20.0}),
+    "rsflow.synthetic.texture": lambda _: (synthetic.texture, {"shape": (12, 16)}),
+    "rsflow.tracking.TrackTable": lambda _: (rsflow.tracking.TrackTable, {}),
+    "rsflow.tracking.TrackTable.add": lambda _: (
+        rsflow.tracking.TrackTable().add,
+        {"tracks": tracks(), "frame": 0, "t_s": 0.0, "dt_s": 0.1},
+    ),
+    "rsflow.tracking.TrackTable.clear": lambda _: (rsflow.tracking.TrackTable().clear, {}),
+    "rsflow.tracking.TrackTable.save": lambda folder: (rsflow.tracking.TrackTable().save, {"path": folder / "t.csv"}),
+    "rsflow.velocity.Heights": lambda _: (velocity.Heights, _fields(_heights())),
+    "rsflow.velocity.Heights.at": lambda _: (_heights().at, {"frame": 0, "t_s": 0.0}),
+    "rsflow.velocity.Heights.read": lambda folder: (velocity.Heights.read, {"path": folder / "heights.csv"}),
+    "rsflow.velocity.plot_velocity": lambda folder: (
+        velocity.plot_velocity,
+        {"path": folder / "v.png", "rows": [velocity.velocity_row(a_velocity(), frame=1, height_m=0.2)]},
+    ),
+    "rsflow.velocity.velocity_row": lambda _: (
+        velocity.velocity_row,
+        {"velocity": a_velocity(), "frame": 1, "height_m": 0.2},
+    ),
+    "rsflow.velocity.write_velocity_csv": lambda folder: (
+        velocity.write_velocity_csv,
+        {"path": folder / "v.csv", "rows": [velocity.velocity_row(a_velocity(), frame=1, height_m=0.2)]},
+    ),
+    "rsflow.video.encoder": lambda _: (rsflow.video.encoder, {}),
+    "rsflow.video.write_lossless": lambda folder: (
+        rsflow.video.write_lossless,
+        {"path": folder / "lossless.avi", "pictures": [frame()], "frame_rate": 25},
+    ),
+}
+
+
+def _names(kind: Any) -> list[str]:
+    return [item.name for item in dataclasses.fields(kind)]
+
+
+@functools.cache
+def _motions() -> synthetic.MotionsPair:
+    return synthetic.motions_pair([synthetic.Part(), PART], size=(WIDTH, HEIGHT), seed=1)
+
+
+def make_files(folder: Path) -> None:
+    """Put the files there that the calls above read."""
+    CAMERA.save(folder / "camera.json")
+    rsflow.write_flow(folder / "flow.npz", field(), t0_s=0.0, t1_s=0.1)
+    (folder / "heights.csv").write_text("frame,height_m\n0,0.2\n1,0.3\n")
+    (folder / "latin1.txt").write_bytes("Höhe\n".encode("latin-1"))
