@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 import functools
 import importlib
@@ -118,11 +119,9 @@ def tracks() -> rsflow.Tracks:
 
 @functools.cache
 def a_calibration() -> rsflow.Calibration:
-    camera = Camera(60.0, 60.0, 39.5, 29.5, width=80, height=60)
-    pictures = synthetic.chessboard_views(camera, board=(4, 3), count=4, seed=1)
     view = calibration.View("a", True, corners=np.zeros((12, 2), np.float32), ids=np.arange(12), rms=0.1)
-    del pictures
-    return rsflow.Calibration(camera, 0.1, (view,), BOARD, {}, {})
+    camera = Camera(60.0, 60.0, 39.5, 29.5, width=80, height=60, std={"fx": 0.1, "fy": 0.1, "cx": 0.1, "cy": 0.1})
+    return rsflow.Calibration(camera, 0.1, (view,), BOARD, {"fx": 0.1, "fy": 0.1}, {"fx": 0.0, "fy": 0.0})
 
 
 def extraction(folder: Path) -> rsflow.Extraction:
@@ -155,6 +154,15 @@ def _heights() -> velocity.Heights:
 
 def _bench_row() -> bench.Row:
     return bench.Row("points", "a", "rsflow", 0.1, 0.2, 1.0, 3.0)
+
+
+class Inline(concurrent.futures.Executor):
+    """Run a job at once, in the caller's thread."""
+
+    def submit(self, job: Callable[..., Any], /, *args: Any, **options: Any) -> concurrent.futures.Future[Any]:
+        done: concurrent.futures.Future[Any] = concurrent.futures.Future()
+        done.set_result(job(*args, **options))
+        return done
 
 
 Call = tuple[Callable[..., Any], dict[str, Any]]
@@ -255,13 +263,16 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.build_info": lambda _: (rsflow.build_info, {}),
     "rsflow.calibrate": lambda _: (
         rsflow.calibrate,
-        {"images": [frame(), frame(1)], "board": (4, 3), "square_size_m": 0.02, "time_budget_s": 1.0},
+        {"images": "nowhere.mp4", "board": (4, 3), "square_size_m": 0.02, "time_budget_s": 1.0},
     ),
     "rsflow.dense_flow": lambda _: (rsflow.dense_flow, {**PAIR}),
     "rsflow.detect_corners": lambda _: (rsflow.detect_corners, {"frame": frame()}),
     "rsflow.estimate_shift": lambda _: (rsflow.estimate_shift, {**PAIR}),
-    "rsflow.extract": lambda folder: (rsflow.extract, {"source": [frame(0), frame(1)], "out": folder / "job", **JOB}),
-    "rsflow.extract_many": lambda folder: (rsflow.extract_many, {"sources": ["nowhere.mp4"], "out": folder, "jobs": 1}),
+    "rsflow.extract": lambda folder: (rsflow.extract, {"source": "nowhere.mp4", "out": folder / "job", **JOB}),
+    "rsflow.extract_many": lambda folder: (
+        rsflow.extract_many,
+        {"sources": ["nowhere.mp4"], "out": folder, "executor": Inline()},
+    ),
     "rsflow.flow_to_color": lambda _: (rsflow.flow_to_color, {"field": field()}),
     "rsflow.frames": lambda _: (rsflow.frames, {"source": [frame(0), frame(1)]}),
     "rsflow.get_num_threads": lambda _: (rsflow.get_num_threads, {}),
@@ -289,7 +300,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     ),
     "rsflow.camera.board.Board": lambda _: (boards.Board, _fields(BOARD)),
     "rsflow.camera.board.Board.points": lambda _: (BOARD.points, {}),
-    "rsflow.camera.board.Board.smaller": lambda _: (BOARD.smaller, {}),
+    "rsflow.camera.board.Board.smaller": lambda _: (boards.Board((5, 4), 0.02).smaller, {}),
     "rsflow.camera.board.Corners": lambda _: (
         boards.Corners,
         {"points": np.zeros((1, 2), np.float32), "ids": np.zeros(1, np.int64), "plain": np.zeros((1, 2), np.float32)},

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from rsflow import Camera, OptionError, synthetic
+from rsflow import Camera, OptionError, ShapeError, synthetic
 from rsflow.synthetic import (
     LIGHTING,
     MovingObject,
@@ -252,31 +252,34 @@ def test_same_arguments_give_the_same_pixels() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: texture((4, 4), "wool"), "kind is 'wool', expected one of noise, fine, smooth, ground"),
-        (lambda: texture((0, 4)), r"shape is \(0, 4\), expected a height and a width of 1 or more"),
-        (lambda: Sensor(noise=-1.0), "noise is -1.0, expected a finite number of 0 or more"),
-        (lambda: Sensor(dtype="int8"), "dtype is 'int8', expected one of uint8, uint16, float32"),
-        (lambda: shifted_pair(float("nan"), 0.0), "expected finite numbers of pixels"),
-        (lambda: flight(frames=0), "frames is 0"),
+        (lambda: texture((4, 4), "wool"), 'kind: got "wool", expected "noise", "fine", "smooth" or "ground"'),
+        (lambda: texture((0, 4)), r"shape: got \(0, 4\), expected \(height, width\), integers from 1 to 20000"),
+        (lambda: Sensor(noise=-1.0), "noise: got -1.0, expected a finite number from 0"),
+        (lambda: Sensor(dtype="int8"), 'dtype: got "int8", expected "uint8", "uint16" or "float32"'),
+        (lambda: shifted_pair(float("nan"), 0.0), "dx: got NaN, expected a finite number of pixels"),
+        (lambda: flight(frames=0), "frames: got 0"),
         (lambda: flight(times_s=[0.0, 0.0]), "each later than the one before"),
-        (lambda: flight(height_m=0.0), "height_m is 0.0, expected a finite height above 0"),
-        (lambda: flight(velocity_m_s=(1.0, 2.0)), r"velocity_m_s has shape \(2,\), expected \(3,\) or \(29, 3\)"),
+        (lambda: flight(height_m=0.0), "height_m: got 0.0, expected a finite number of metres"),
+        (
+            lambda: flight(velocity_m_s=(1.0, 2.0)),
+            r"velocity_m_s: got shape \(2,\), expected finite numbers, \(3,\)",
+        ),
         (lambda: flight(velocity_m_s=(0.0, 0.0, 1.0)), "the camera reaches the ground"),
-        (lambda: flight(texture_scale_m=0.0), "texture_scale_m is 0.0, expected a length above 0"),
-        (lambda: flight(exposure_s=-1.0), "exposure_s is -1.0"),
-        (lambda: flight(frames=1).flow(0), "index is 0, expected 1 to 0"),
-        (lambda: MovingObject((0, 0), (1, 1), (0, 0), shape="star"), "shape is 'star'"),
-        (lambda: MovingObject((0, 0), (0, 1), (0, 0)), "a size above 0"),
+        (lambda: flight(texture_scale_m=0.0), "texture_scale_m: got 0.0, expected a finite number of metres"),
+        (lambda: flight(exposure_s=-1.0), "exposure_s: got -1.0"),
+        (lambda: flight(frames=1).flow(0), "index: got 0, expected an integer from 1 to 0"),
+        (lambda: MovingObject((0, 0), (1, 1), (0, 0), shape="star"), 'shape: got "star"'),
+        (lambda: MovingObject((0, 0), (0, 1), (0, 0)), "size_m: got"),
         (
             lambda: flight(Camera(1.0, 1.0, 0.0, 0.0, width=9, height=9, distortion=(0.1,) * 8)),
             "8 distortion terms, expected 'pinhole' with at most 5",
         ),
         (
             lambda: flight(Camera(50.0, 50.0, 80.0, 60.0, width=160, height=120, distortion=(-0.9, 0.0, 0.0, 0.0))),
-            "cannot be inverted over the whole picture",
+            "can be inverted over the whole picture",
         ),
     ],
 )
 def test_misuse_says_what_where_got_and_expected(make: object, message: str) -> None:
-    with pytest.raises(OptionError, match=message):
+    with pytest.raises((OptionError, ShapeError), match=message):
         make()  # type: ignore[operator]

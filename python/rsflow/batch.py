@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -12,6 +13,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from . import _checks
 from .errors import OptionError, RsflowError
 
 if TYPE_CHECKING:
@@ -62,6 +64,16 @@ class BatchItem:
     summary: dict[str, Any]
 
 
+def _given(sources: Iterable[str | int | os.PathLike[str]]) -> list[str | int]:
+    """Take a list of sources, each a camera's number or a path."""
+    expected = "a list of paths and of cameras' numbers"
+    found: list[str | int] = []
+    for source in _checks.iterable("sources", sources, expected):
+        number = _checks.whole(source)
+        found.append(str(_checks.path("sources", source, "paths and cameras' numbers")) if number is None else number)
+    return found
+
+
 def folder_names(sources: Sequence[str | int | os.PathLike[str]]) -> list[str]:
     """Give each source a folder name: its own name without suffix, numbered where two would be alike.
 
@@ -83,7 +95,7 @@ def folder_names(sources: Sequence[str | int | os.PathLike[str]]) -> list[str]:
     """
     taken: set[str] = set()
     names: list[str] = []
-    for source in sources:
+    for source in _given(sources):
         if isinstance(source, int):
             base = f"camera-{source}"
         else:
@@ -183,13 +195,19 @@ def extract_many(
     """
     from ._batch_stop import StopWish
     from ._batch_workers import Workers
-    from .extraction import ExtractSettings
+    from .extraction import ExtractSettings, extract
 
-    given: list[str | int] = [source if isinstance(source, int) else os.fspath(source) for source in sources]
+    given = _given(sources)
     if not given:
         raise OptionError("sources: got none, expected at least one")
-    if jobs is not None and jobs < 1:
-        raise OptionError(f"jobs: got {jobs}, expected at least 1")
+    out = _checks.path("out", out, "a folder")
+    jobs = _checks.integer_or_none("jobs", jobs, least=1)
+    if executor is not None:
+        _checks.instance("executor", executor, Executor, "a concurrent.futures.Executor")
+    if on_done is not None:
+        _checks.function("on_done", on_done, 1)
+    known = [*inspect.signature(extract).parameters][2:]
+    _checks.options("extract_many", options, known)
     settings = ExtractSettings(**{name: value for name, value in options.items() if name not in _NO_SETTINGS})
     settings.validate()
     folders = [str(Path(out) / name) for name in folder_names(given)]

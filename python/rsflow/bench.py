@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import get_num_threads, set_num_threads
+from . import _checks, get_num_threads, set_num_threads
 from ._core import __version__, build_info
 from .camera.model import Camera
-from .errors import FormatError, OptionError
+from .errors import FormatError
 from .flow import dense_flow
 from .shift import estimate_shift
 from .synthetic import Lighting, flight_with_object, gain, shifted_pair
@@ -189,9 +189,9 @@ def measure(*, threads: int = 1, rounds: int = 9, quick: bool = False) -> Bench:
     """
     import cv2
 
-    for name, value in (("threads", threads), ("rounds", rounds)):
-        if value < 1:
-            raise OptionError(f"bench: {name} is {value}, expected 1 or more")
+    threads = _checks.integer("threads", threads, least=1, most=1024)
+    rounds = _checks.integer("rounds", rounds, least=1, most=10_000)
+    quick = _checks.flag("quick", quick)
     size = (320, 240) if quick else (640, 480)
     rows: list[Row] = []
     with _threads(threads):
@@ -237,6 +237,9 @@ def with_tables(text: str, bench: Bench | None, *, name: str = "the file") -> st
     >>> with_tables(f"{BEGIN}\nold\n{END}\n", None) == f"{BEGIN}\nold\n{END}\n"
     True
     """
+    text, name = _checks.text("text", text), _checks.text("name", name)
+    if bench is not None:
+        _checks.instance("bench", bench, Bench, "a Bench or None")
     lines = [line.strip() for line in text.splitlines()]
     if (lines.count(BEGIN), lines.count(END)) != (1, 1) or lines.index(BEGIN) > lines.index(END):
         raise FormatError(

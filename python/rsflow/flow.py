@@ -272,7 +272,7 @@ def dense_flow(
     True
     """
     options = (knobs.preset(preset), knobs.illumination(illumination), knobs.max_displacement(max_displacement))
-    before, after = _checks.frame("prev", prev), _checks.frame("next", next)
+    before, after = _checks.pair(prev, next)
     start, where = _as_initial(initial), _checks.mask_or_none("mask", mask, before.shape)
     return _field(_kept_core(*options, before.size).pair(before, after, start, where))
 
@@ -335,6 +335,7 @@ class DenseFlow(Shared):
         self._core = _core.DenseFlow(*options)
         self._initial = _as_initial(initial)
         self._mask = _checks.mask_or_none("mask", mask)
+        self._shape: tuple[int, ...] | None = None
         self._started = False
 
     @alone
@@ -352,6 +353,14 @@ class DenseFlow(Shared):
             If the frame does not fit; the next frame is then a first one.
         """
         frame = _checks.frame("frame", frame)
+        if self._shape is not None and frame.shape != self._shape:
+            before, self._shape = self._shape, None
+            self._core.reset()
+            raise ShapeError(
+                f"frame: got {frame.shape}, expected the shape of the frames before, {before}; "
+                "the next frame is a first one"
+            )
+        self._shape = frame.shape
         parts = self._core.update(frame, self._initial if not self._started else None, self._mask)
         if parts is None:
             return None
@@ -362,6 +371,7 @@ class DenseFlow(Shared):
     def reset(self) -> None:
         """Forget the frame before: the next frame is a first one."""
         self._core.reset()
+        self._shape = None
         self._started = False
 
     def _packed(self, state: dict[str, Any]) -> dict[str, Any]:

@@ -176,7 +176,7 @@ def estimate_shift(
     window = None if roi is None else _checks.region("roi", roi)
     light = knobs.illumination(illumination)
     reach = knobs.max_displacement(max_displacement)
-    before, after = _checks.frame("prev", prev), _checks.frame("next", next)
+    before, after = _checks.pair(prev, next)
     where = _checks.mask_or_none("mask", mask, before.shape)
     dx, dy, covariance, gain, offset, residual, status = _core.estimate_shift(
         before, after, window, where, light, reach

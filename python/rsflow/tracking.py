@@ -218,7 +218,7 @@ def track_points(
         max_forward_backward=max_forward_backward,
     )
     start = None if initial is None else _checks.points("initial", initial)
-    before, after = _checks.frame("prev", prev), _checks.frame("next", next)
+    before, after = _checks.pair(prev, next)
     where = _checks.mask_or_none("mask", mask, before.shape)
     found = _core.track_points(before, after, origins, start, where, options)
     count = len(origins)

@@ -11,7 +11,20 @@ object or a path of the wrong kind is a `DTypeError`, and an array of the wrong 
 
 from __future__ import annotations
 
-from .arrays import array, bools, broadcast, coordinates, frame, mask, mask_or_none, picture, points, unmasked, vector
+from .arrays import (
+    array,
+    bools,
+    broadcast,
+    coordinates,
+    frame,
+    mask,
+    mask_or_none,
+    pair,
+    picture,
+    points,
+    unmasked,
+    vector,
+)
 from .messages import described, refused, shown
 from .options import (
     FLOAT32_MAX,
@@ -58,6 +71,7 @@ __all__ = [
     "number",
     "number_or_none",
     "options",
+    "pair",
     "path",
     "picture",
     "points",

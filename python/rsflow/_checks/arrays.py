@@ -113,6 +113,16 @@ def frame(name: str, value: object) -> NDArray[Any]:
     return value
 
 
+def pair(prev: object, next: object, names: tuple[str, str] = ("prev", "next")) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Take two frames of one type and one size."""
+    first, second = frame(names[0], prev), frame(names[1], next)
+    if first.dtype != second.dtype:
+        raise DTypeError(f"{names[1]}: got dtype {second.dtype}, expected that of {names[0]}, {first.dtype}")
+    if first.shape != second.shape:
+        raise ShapeError(f"{names[1]}: got {second.shape}, expected the shape of {names[0]}, {first.shape}")
+    return first, second
+
+
 def unmasked(name: str, value: object) -> None:
     """Refuse numpy's masked array: its mask would be passed over."""
     if isinstance(value, np.ma.MaskedArray):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import OptionError
 
-__all__ = ["check_roi", "region_of", "to_color", "to_grey"]
+__all__ = ["check_roi", "to_color", "to_grey"]
 
 
 def to_grey(image: NDArray[Any]) -> NDArray[Any]:
@@ -45,12 +45,3 @@ def check_roi(roi: tuple[int, int, int, int] | None, size: tuple[int, int], wher
             f"roi: got (x, y, width, height) = {roi}, "
             f"expected a region inside the {size[0]} x {size[1]} pixels of {where}"
         )
-
-
-def region_of(roi: Any) -> tuple[int, int, int, int]:
-    """Take `roi` as (x, y, width, height) in whole pixels, or raise OptionError."""
-    try:
-        x, y, w, h = (int(value) for value in roi if int(value) == value)
-    except (TypeError, ValueError):
-        raise OptionError(f"roi: got {roi!r}, expected four integers (x, y, width, height)") from None
-    return x, y, w, h

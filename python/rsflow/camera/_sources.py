@@ -248,7 +248,7 @@ class ArrayReader:
                 return read_picture(Path(item), self._limit), t_s, str(item)
         if not isinstance(item, np.ndarray):
             raise DTypeError(
-                f"source: item {index} is of type {type(item).__name__}, expected an array, an (array, t_s) pair, "
+                f"source: item {index}: got {type(item).__name__}, expected an array, an (array, t_s) pair, "
                 "a path or a Frame"
             )
         return item, t_s, ""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._checks import number, shown
+from .._checks import number, path, shown
 from .._time_series import TIME_COLUMNS, doubtful_step, first_wrong, read_table
 from ..errors import CaptureError, DTypeError, FormatError, OptionError, ShapeError
 
@@ -21,6 +21,7 @@ _EXPECTED = "one finite time in seconds for each frame"
 def given_times(times: Any) -> NDArray[np.float64]:
     """Give the times in seconds, checked: finite and strictly increasing."""
     if isinstance(times, (str, os.PathLike)):
+        path("times", times, "times or a CSV file")
         return _times_of_csv(times)
     if isinstance(times, np.ma.MaskedArray) and np.ma.getmaskarray(times).any():
         masked = int(np.argmax(np.ma.getmaskarray(times)))
@@ -50,9 +51,10 @@ def _listed(times: Any) -> NDArray[Any]:
         return times
     try:
         values = list(times)
-    except TypeError:
+    except Exception:
+        # No list, or one whose own methods fail.
         raise DTypeError(f"times: got {shown(times)}, expected {_EXPECTED}, or a CSV file") from None
-    if any(np.ndim(value) for value in values):
+    if any(isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim) for value in values):
         raise ShapeError(f"times: got a list of lists or arrays, expected {_EXPECTED}")
     return np.array(
         [number(f"times: frame {place}", value, of="seconds", or_nan=True) for place, value in enumerate(values)]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import OptionError
+from .. import _checks
+from ..errors import DTypeError, OptionError
 
 __all__ = ["Board", "Corners", "Pattern", "find_corners"]
 
@@ -66,29 +68,26 @@ class Board:
     legacy_pattern: bool = False
 
     def __post_init__(self) -> None:
+        put = functools.partial(object.__setattr__, self)
+        _checks.choice("pattern", self.pattern, get_args(Pattern))
         least = 3 if self.pattern == "chessboard" else 2
-        if self.pattern not in ("chessboard", "charuco"):
-            raise OptionError(f"pattern: got {self.pattern!r}, expected 'chessboard' or 'charuco'")
-        try:
-            cols, rows = (int(value) for value in self.size)
-        except (TypeError, ValueError):
-            raise OptionError(f"board: got {self.size!r}, expected (columns, rows)") from None
-        if not (least <= cols <= 200 and least <= rows <= 200):
-            raise OptionError(f"board: got {cols} x {rows}, expected {least} to 200 columns and rows")
-        if not (np.isfinite(self.square_size_m) and self.square_size_m > 0):
-            raise OptionError(f"square_size_m: got {self.square_size_m!r}, expected a side in metres above 0")
+        expected = f"(columns, rows), integers from {least} to 200"
+        put("size", _checks.integers("board", self.size, 2, expected, least=least, most=200))
+        put("square_size_m", _checks.number("square_size_m", self.square_size_m, least=1e-9, most=1e9, of="metres"))
+        put("marker_size_m", _checks.number_or_none("marker_size_m", self.marker_size_m, above=0, of="metres"))
+        put("legacy_pattern", _checks.flag("legacy_pattern", self.legacy_pattern))
+        _checks.text("dictionary", self.dictionary)
         if self.pattern == "charuco":
             if self.marker_size_m is None:
-                object.__setattr__(self, "marker_size_m", 0.75 * self.square_size_m)
-            elif not 0 < self.marker_size_m < self.square_size_m:
+                put("marker_size_m", 0.75 * self.square_size_m)
+            elif not self.marker_size_m < self.square_size_m:
                 raise OptionError(
                     f"marker_size_m: got {self.marker_size_m!r}, expected less than the square's {self.square_size_m} m"
                 )
             import cv2
 
             if not self.dictionary.startswith("DICT_") or not hasattr(cv2.aruco, self.dictionary):
-                raise OptionError(f"dictionary: got {self.dictionary!r}, expected one of cv2.aruco, DICT_4X4_50 say")
-        object.__setattr__(self, "size", (cols, rows))
+                raise _checks.refused("dictionary", self.dictionary, "one of cv2.aruco, DICT_4X4_50 say")
 
     @property
     def corners(self) -> int:
@@ -106,6 +105,10 @@ class Board:
     def smaller(self) -> Board:
         """Give the chessboard with one column and one row less."""
         return dataclasses.replace(self, size=(self.size[0] - 1, self.size[1] - 1))
+
+
+# A smaller picture shows no board, and the windows of OpenCV's thresholds do not fit into it.
+_LEAST_SIDE = 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,6 +171,11 @@ def find_corners(image: NDArray[np.uint8], board: Board) -> Corners | None:
     >>> find_corners(view, Board((8, 6), 0.025)).points.shape, find_corners(view, Board((9, 6), 0.025))
     ((48, 2), None)
     """
+    _checks.instance("board", board, Board, "a Board")
+    if _checks.frame("image", image).dtype != np.uint8 or image.size == 0:
+        raise DTypeError(f"image: got {_checks.described(image)}, expected a picture of uint8")
+    if min(image.shape) < _LEAST_SIDE:
+        return None
     return _charuco(image, board) if board.pattern == "charuco" else _chessboard(image, board)
 
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CalibrationError, OptionError
+from .. import _checks
+from ..errors import CalibrationError, DTypeError, OptionError, ShapeError
 from . import _solve
 from ._distortion import NAMES
 from ._lens_doubts import doubts
@@ -122,7 +123,8 @@ class Calibration:
 
         A velocity over ground is height times flow over f: it has at least this relative deviation.
         """
-        return max(self.camera.std["fx"] / self.camera.fx, self.camera.std["fy"] / self.camera.fy)
+        std = self.camera.std
+        return max(std.get("fx", math.nan) / self.camera.fx, std.get("fy", math.nan) / self.camera.fy)
 
     def coverage(self, columns: int = 8, rows: int = 6) -> NDArray[np.int64]:
         """Count the corners of all used views in each cell of a grid over the picture, (rows, columns) int64.
@@ -134,6 +136,8 @@ class Calibration:
         """
         from ._calibration_report import coverage
 
+        columns = _checks.integer("columns", columns, least=1, most=10_000)
+        rows = _checks.integer("rows", rows, least=1, most=10_000)
         return coverage(self, columns, rows)
 
     @property
@@ -191,7 +195,7 @@ class Calibration:
         """
         from ._calibration_report import draw
 
-        return draw(self, Path(folder))
+        return draw(self, _checks.path("folder", folder))
 
 
 def calibrate(
@@ -283,19 +287,21 @@ def calibrate(
     1.0
     """
     target = Board(board, square_size_m, pattern, marker_size_m, dictionary, legacy_pattern)
-    if model not in _COEFFICIENTS:
-        raise OptionError(f"model: got {model!r}, expected 'pinhole' or 'fisheye'")
+    _checks.choice("model", model, _COEFFICIENTS)
     if coefficients is None:
         coefficients = _USUAL[model]
-    if isinstance(coefficients, bool) or coefficients not in _COEFFICIENTS[model]:
-        allowed = ", ".join(map(str, _COEFFICIENTS[model]))
-        raise OptionError(f"coefficients: got {coefficients!r}, expected one of {allowed} for the model {model!r}")
-    for name, value in (("time_budget_s", time_budget_s), ("view_time_budget_s", view_time_budget_s)):
-        if not (math.isfinite(value) and value > 0):
-            raise OptionError(f"{name}: got {value!r}, expected a finite number of seconds above 0")
-    if max_views < _LEAST_VIEWS:
-        raise OptionError(f"max_views: got {max_views}, expected at least {_LEAST_VIEWS}")
-    source = images if isinstance(images, Frames) else frames(images)
+    count = _checks.whole(coefficients)
+    if count not in _COEFFICIENTS[model]:
+        allowed = _checks.any_of([str(each) for each in _COEFFICIENTS[model]])
+        raise _checks.refused("coefficients", coefficients, f"{allowed} for the model {model!r}")
+    square_pixels = _checks.flag("square_pixels", square_pixels)
+    time_budget_s = _checks.number("time_budget_s", time_budget_s, above=0, of="seconds")
+    view_time_budget_s = _checks.number("view_time_budget_s", view_time_budget_s, above=0, of="seconds")
+    max_views = _checks.integer("max_views", max_views, least=_LEAST_VIEWS)
+    distinct = _checks.number_or_none("distinct", distinct, least=0, most=1)
+    if on_view is not None:
+        _checks.function("on_view", on_view, 2)
+    source = images if isinstance(images, Frames) else _opened(images)
     if distinct is None:
         distinct = SAME if source.timestamps in ("none", "given") else DISTINCT
     search = Search(target, time_budget_s, view_time_budget_s, distinct)
@@ -317,7 +323,15 @@ def calibrate(
                 raise
         if not search.usable and pattern == "chessboard":
             search.try_smaller(searcher)
-    return _calibrated(search, target, model, coefficients, square_pixels)
+    return _calibrated(search, target, model, count, square_pixels)
+
+
+def _opened(images: Any) -> Frames:
+    """Open the pictures; an argument's name in an error is the caller's."""
+    try:
+        return frames(images)
+    except (OptionError, ShapeError, DTypeError) as error:
+        raise type(error)(str(error).replace("source:", "images:", 1)) from None
 
 
 def _calibrated(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,11 +11,12 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _checks
 from .._checks import unmasked
 from .._limits import max_pixels_of
 from .._time_series import doubtful_step
 from ..errors import DTypeError, OptionError, ShapeError
-from ._picture import check_roi, region_of, to_color, to_grey
+from ._picture import check_roi, to_color, to_grey
 from ._reader import Raw, Reader, Timestamps
 from ._times import given_times
 
@@ -339,18 +339,20 @@ def frames(
     ...     [(frame.index, frame.t_s, int(frame.image[0, 0])) for frame in source]
     [(0, 0.0, 10), (2, 0.08, 30)]
     """
-    begin = _integer("start", 0 if start is None else start, 0)
-    end = None if stop is None else _integer("stop", stop, 0)
-    step = _integer("stride", stride, 1)
-    region = None if roi is None else region_of(roi)
-    if frame_rate is not None and not (math.isfinite(frame_rate) and frame_rate > 0):
-        raise OptionError(f"frame_rate: got {frame_rate}, expected a finite number of frames per second above 0")
+    grey, color = _checks.flag("grey", grey), _checks.flag("color", color)
+    newest = None if newest is None else _checks.flag("newest", newest)
+    begin = 0 if start is None else _checks.integer("start", start, least=0)
+    end = _checks.integer_or_none("stop", stop, least=0)
+    step = _checks.integer("stride", stride, least=1)
+    region = None if roi is None else _checks.region("roi", roi)
+    camera_size = None if camera_size is None else _checks.size("camera_size", camera_size)
+    frame_rate = _checks.number_or_none("frame_rate", frame_rate, least=1e-9, most=1e9, of="frames per second")
     if frame_rate is not None and times is not None:
         raise OptionError("frame_rate and times: got both, expected one of them")
-    if not (math.isfinite(timeout_s) and timeout_s > 0):
-        raise OptionError(f"timeout_s: got {timeout_s}, expected a finite number of seconds above 0")
+    timeout_s = _checks.number("timeout_s", timeout_s, above=0, most=1e9, of="seconds")
     limit = max_pixels_of(max_pixels)
     given = None if times is None else given_times(times)
+    source = _checked_source(source)
 
     from ._sources import open_source
 
@@ -375,7 +377,14 @@ def frames(
         raise
 
 
-def _integer(name: str, value: Any, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise OptionError(f"{name}: got {value!r}, expected an integer of at least {least}")
-    return int(value)
+def _checked_source(source: Any) -> Any:
+    """Refuse what only looks like a source: bytes, a camera's number that is none, a name that no file has."""
+    expected = "a camera's index, a path, a URL, arrays or a list"
+    if isinstance(source, (bytes, bytearray, memoryview, np.timedelta64, np.datetime64)):
+        raise _checks.refused("source", source, expected, DTypeError)
+    number = None if isinstance(source, np.ndarray) else _checks.whole(source)
+    if number is not None:
+        return _checks.integer("source", number, least=0, most=2**31 - 1)
+    if isinstance(source, os.PathLike) or (isinstance(source, str) and source and "\0" not in source):
+        _checks.path("source", source, expected)
+    return source

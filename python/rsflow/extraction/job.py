@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from .. import _checks
 from ..camera._empty import expect_range, nothing_to_measure
 from ..errors import RsflowError
 from .background import BackgroundWorker
@@ -137,12 +138,16 @@ def extract(
         videos=videos,
     )
     settings.validate()
+    out, progress = _checks.path("out", out, "a folder"), _checks.flag("progress", progress)
+    overwrite = _checks.flag("overwrite", overwrite)
+    if on_frame is not None:
+        _checks.function("on_frame", on_frame, 1)
     from ..camera.capture import frames
 
     with frames(source, color=True, roi=roi, start=start, stop=stop, stride=stride, frame_rate=frame_rate) as stream:
         expect_range(stream)
-        claim = Claim(Path(out), source, settings, overwrite=overwrite)
-        with Outputs(Path(out), stream, settings, claim) as outputs:
+        claim = Claim(out, source, settings, overwrite=overwrite)
+        with Outputs(out, stream, settings, claim) as outputs:
             return _Job(stream, settings, outputs, on_frame).run(progress)
 
 

@@ -29,7 +29,7 @@ class ExtractSettings:
     >>> ExtractSettings(stride=2, preset="fast").validate()
     >>> ExtractSettings(height_m=0.2).validate()
     Traceback (most recent call last):
-    rsflow.errors.OptionError: height_m: a height needs a camera too, since a velocity follows from both: pass camera=
+    rsflow.errors.OptionError: height_m: got one, expected camera= with it: a height needs a camera too, for a velocity
     """
 
     camera: Camera | str | os.PathLike[str] | None = None
@@ -48,6 +48,8 @@ class ExtractSettings:
 
     def validate(self) -> None:
         """Raise OptionError for what no source could satisfy."""
+        from ..camera.model import Camera
+
         knobs.preset(self.preset)
         knobs.illumination(self.illumination)
         knobs.max_displacement(self.max_displacement)
@@ -59,10 +61,18 @@ class ExtractSettings:
         if self.roi is not None:
             _checks.region("roi", self.roi)
         _checks.number_or_none("frame_rate", self.frame_rate, above=0, of="frames per second")
+        if self.camera is not None and not isinstance(self.camera, Camera):
+            _checks.path("camera", self.camera, "an rsflow.Camera or a path")
+        if isinstance(self.height_m, (str, os.PathLike)):
+            _checks.path("height_m", self.height_m, "metres or a path")
         if self.height_m is not None and self.camera is None:
-            raise OptionError("height_m: a height needs a camera too, since a velocity follows from both: pass camera=")
+            raise OptionError(
+                "height_m: got one, expected camera= with it: a height needs a camera too, for a velocity"
+            )
         if self.camera is not None and self.height_m is None:
-            raise OptionError("camera: a camera needs a height too, since a velocity follows from both: pass height_m=")
+            raise OptionError(
+                "camera: got one, expected height_m= with it: a camera needs a height too, for a velocity"
+            )
         if self.height_m is not None and not isinstance(self.height_m, (str, os.PathLike)):
             _checks.number("height_m", self.height_m, above=0, of="metres")
         _checks.number_or_none("height_std_m", self.height_std_m, least=0, of="metres")

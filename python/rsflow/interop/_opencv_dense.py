@@ -6,8 +6,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from rsflow import _checks
 from rsflow._checks.knobs import Illumination, Preset
-from rsflow.errors import OptionError
 from rsflow.flow import DenseFlow as _Estimator
 from rsflow.flow import dense_flow
 
@@ -91,6 +91,7 @@ class DenseFlow:
         ShapeError, DTypeError
             If a frame does not fit, where OpenCV raises ``cv2.error``.
         """
+        I0, I1 = _checks.pair(I0, I1, ("I0", "I1"))
         return in_place(flow, dense_flow(I0, I1, **self._knobs).uv)
 
     def collectGarbage(self) -> None:  # noqa: N802
@@ -125,6 +126,7 @@ def DISOpticalFlow_create(preset: int = DISOPTICAL_FLOW_PRESET_FAST) -> DenseFlo
     >>> dis.calc(frame, frame, None).shape
     (48, 64, 2)
     """
-    if preset not in _PRESETS:
-        raise OptionError(f"preset: got {preset!r}, expected 0 (ultrafast), 1 (fast) or 2 (medium)")
-    return DenseFlow(preset=_PRESETS[preset])
+    known = _checks.whole(preset)
+    if known not in _PRESETS:
+        raise _checks.refused("preset", preset, "0 (ultrafast), 1 (fast) or 2 (medium)")
+    return DenseFlow(preset=_PRESETS[known])

@@ -12,13 +12,14 @@ OpenCV's interface is rsflow's own; `rsflow.dense_flow` also tells where it was 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rsflow import _core
-from rsflow.errors import DTypeError, OptionError, ShapeError
+from rsflow import _checks, _core
+from rsflow.errors import DTypeError, ShapeError
 
 from ._opencv_dense import (
     DISOPTICAL_FLOW_PRESET_FAST,
@@ -44,6 +45,10 @@ __all__ = [
 
 OPTFLOW_USE_INITIAL_FLOW = 4
 OPTFLOW_LK_GET_MIN_EIGENVALS = 8
+
+# More levels than a picture that fits into memory has, and the widest window of lk-core's structure tensor.
+_MOST_LEVELS = 64
+_MOST_BLOCK = 63
 
 # cv2.TERM_CRITERIA_COUNT and cv2.TERM_CRITERIA_EPS, and what OpenCV takes where one of them is missing.
 _COUNT, _EPS = 1, 2
@@ -113,32 +118,32 @@ def calcOpticalFlowPyrLK(
     (array([[[51., 40.]]], dtype=float32), array([[1]], dtype=uint8))
     """
     points = _points("prevPts", prevPts)
+    flags = _checks.integer("flags", flags, least=0)
     if points.size == 0:
         return None, None, None
     initial = None
     if flags & OPTFLOW_USE_INITIAL_FLOW:
         if nextPts is None:
-            raise ShapeError("nextPts: got None, expected first guesses, as OPTFLOW_USE_INITIAL_FLOW says")
+            raise ShapeError("nextPts: got None, expected first guesses, as flags say with OPTFLOW_USE_INITIAL_FLOW")
         initial = _points("nextPts", nextPts)
-    width, height = (int(side) for side in winSize)
-    if maxLevel < 0:
-        raise OptionError(f"maxLevel: got {maxLevel}, expected 0 or more")
-    if width <= 2 or height <= 2:
-        raise OptionError(f"winSize: got {tuple(winSize)}, expected more than 2 pixels a side")
-    kind, count, epsilon = criteria
+    width, height = _checks.integers("winSize", winSize, 2, "(width, height), more than 2 pixels a side", least=3)
+    maxLevel = _checks.integer("maxLevel", maxLevel, least=0)
+    kind, count, epsilon = _criteria(criteria)
+    least = _checks.number("minEigThreshold", minEigThreshold, most=_checks.FLOAT32_MAX)
     # The bounds are OpenCV's.
-    count = min(max(int(count), 0), 100) if kind & _COUNT else _DEFAULT_COUNT
-    epsilon = min(max(float(epsilon), 0.0), 10.0) if kind & _EPS else _DEFAULT_EPS
+    count = min(max(count, 0), 100) if kind & _COUNT else _DEFAULT_COUNT
+    epsilon = min(max(epsilon, 0.0), 10.0) if kind & _EPS else _DEFAULT_EPS
+    before, after = _checks.pair(_image(prevImg), _image(nextImg), ("prevImg", "nextImg"))
     moved, found, error = _core.track_bouguet(
-        _image(prevImg),
-        _image(nextImg),
+        before,
+        after,
         points,
         initial,
         (width, height),
-        int(maxLevel),
+        min(maxLevel, _MOST_LEVELS),
         count,
         epsilon,
-        float(minEigThreshold),
+        least,
         bool(flags & OPTFLOW_LK_GET_MIN_EIGENVALS),
     )
     shape = np.shape(prevPts)
@@ -194,11 +199,13 @@ def buildOpticalFlowPyramid(
     >>> level, [picture.shape for picture in pyramid]
     (1, [(80, 100), (40, 50)])
     """
-    if not isinstance(img, np.ndarray) or img.dtype != np.uint8:
-        raise DTypeError(f"img: got {getattr(img, 'dtype', type(img).__name__)}, expected uint8")
-    if maxLevel < 0:
-        raise OptionError(f"maxLevel: got {maxLevel}, expected 0 or more")
-    width, height = winSize
+    if _checks.frame("img", img).dtype != np.uint8:
+        raise DTypeError(f"img: got dtype {img.dtype}, expected uint8")
+    if img.size == 0:
+        raise ShapeError(f"img: got shape {img.shape}, expected at least one pixel")
+    maxLevel = _checks.integer("maxLevel", maxLevel, least=0)
+    width, height = _checks.integers("winSize", winSize, 2, "(width, height), integers")
+    withDerivatives = _checks.flag("withDerivatives", withDerivatives)
     levels: list[NDArray[Any]] = []
     count = 0
     picture = img
@@ -267,17 +274,22 @@ def goodFeaturesToTrack(
     >>> goodFeaturesToTrack(frame, 10, 0.1, 5).shape
     (4, 1, 2)
     """
-    if mask is not None and np.asarray(mask).size:
-        where = np.asarray(mask)
-        if where.dtype not in (np.uint8, np.bool_, np.int8):
-            raise DTypeError(f"mask: got dtype {where.dtype}, expected uint8")
-        where = where != 0
-    else:
-        where = None
-    harris = float(k) if useHarrisDetector else None
-    found, _ = _core.detect_corners(
-        image, where, max(int(maxCorners), 0), float(qualityLevel), float(minDistance), int(blockSize), harris
-    )
+    image = _checks.frame("image", image)
+    where = None
+    if mask is not None:
+        given = _checks.array("mask", mask, ..., "uint8, (height, width), not 0 where to look", kinds="biu")
+        if given.size:
+            if given.dtype not in (np.uint8, np.bool_, np.int8):
+                raise DTypeError(f"mask: got dtype {given.dtype}, expected uint8")
+            where = _checks.mask("mask", given != 0, image.shape, "image")
+    most = _checks.FLOAT32_MAX
+    quality = _checks.number("qualityLevel", qualityLevel, least=1e-30, most=1)
+    distance = _checks.number("minDistance", minDistance, least=0, most=most, of="pixels")
+    size = _checks.integer("blockSize", blockSize, least=1, most=_MOST_BLOCK, of="pixels")
+    k = _checks.number("k", k, least=-most, most=most)
+    harris = k if _checks.flag("useHarrisDetector", useHarrisDetector) else None
+    count = max(_checks.integer("maxCorners", maxCorners), 0)
+    found, _ = _core.detect_corners(image, where, count, quality, distance, size, harris)
     return found[:, None] if len(found) else None
 
 
@@ -293,6 +305,17 @@ def _points(name: str, value: Any) -> NDArray[np.float32]:
     if not fits:
         raise ShapeError(f"{name}: got shape {value.shape}, expected (N, 1, 2), (1, N, 2) or (N, 2)")
     return np.ascontiguousarray(value.reshape(-1, 2))
+
+
+def _criteria(criteria: Criteria) -> tuple[int, int, float]:
+    """Take OpenCV's (type, count, epsilon)."""
+    expected = "(type, count, epsilon): two integers and a number"
+    if not isinstance(criteria, Sequence) or isinstance(criteria, (str, bytes)) or len(criteria) != 3:
+        raise _checks.refused("criteria", criteria, expected)
+    kind, count = _checks.whole(criteria[0]), _checks.whole(criteria[1])
+    if kind is None or count is None:
+        raise _checks.refused("criteria", criteria, expected)
+    return kind, count, _checks.number("criteria[2]", criteria[2])
 
 
 def _image(value: Any) -> Any:

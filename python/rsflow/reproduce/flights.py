@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .. import _checks
 from ..camera.model import Camera
-from ..errors import OptionError
 from ..synthetic import Flight, Sensor, auto_exposure, flight
 from ..velocity import VelocityEstimator
 from .printed import WINDOW, implied_focal_length, report
@@ -141,8 +141,10 @@ def real_motion(
     >>> len(rows), max(abs(row.frame_error) for row in rows) < 0.01
     (24, True)
     """
-    if frames < 2:
-        raise OptionError(f"reproduce: frames is {frames}, expected 2 or more")
+    frames = _checks.integer("frames", frames, least=2, most=10_000)
+    seed = _checks.integer("seed", seed, least=0)
+    if progress is not None:
+        _checks.function("progress", progress, 2)
     rows = report()["table_4_3_real_motion"]
     results = []
     for number, row in enumerate(rows):
@@ -241,7 +243,8 @@ def groups(rows: Sequence[RealMotion]) -> list[Group]:
     (2.0, 0.05)
     """
     found: dict[tuple[float, float, float], list[RealMotion]] = {}
-    for row in rows:
+    for row in _checks.iterable("rows", rows, "RealMotions"):
+        _checks.instance("rows", row, RealMotion, "RealMotions")
         found.setdefault((row.height_cm, row.frames_per_second, row.actual_cm_s), []).append(row)
     return [
         Group(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _checks
 from .._checks.knobs import Illumination
 from ..errors import OptionError
 from ..shift import estimate_shift
@@ -168,6 +169,9 @@ def synthetic_motion(pictures: Mapping[str, NDArray[Any]], condition: Condition,
     >>> table.condition, len(table.pictures), table.measured_px.shape
     ('brighter, compensated', 3, (3, 39, 2))
     """
+    _checks.instance("pictures", pictures, Mapping, "pictures by their names")
+    _checks.instance("condition", condition, Condition, "a Condition")
+    seed = _checks.integer("seed", seed, least=0)
     with_light = report()["table_4_1_with_illumination_correction"]
     actual = np.array([row["actual_px"] for row in with_light], dtype=np.float64)
     least = WINDOW + 2 * int(np.abs(actual).max()) + 1
@@ -175,9 +179,10 @@ def synthetic_motion(pictures: Mapping[str, NDArray[Any]], condition: Condition,
     sensor = Sensor(noise=condition.noise)
     rng = np.random.default_rng(seed)
     for i, (name, picture) in enumerate(pictures.items()):
-        if picture.ndim != 2 or picture.dtype != np.uint8 or min(picture.shape) < least:
+        grey = _checks.frame(f"pictures[{name!r}]", picture)
+        if grey.dtype != np.uint8 or min(grey.shape) < least:
             raise OptionError(
-                f"reproduce: {name} is {picture.dtype} of shape {picture.shape}, "
+                f"pictures[{name!r}]: got {_checks.described(picture)}, "
                 f"expected grey uint8 of at least {least} x {least} pixels"
             )
         y, x = ((side - WINDOW) // 2 for side in picture.shape)

@@ -21,6 +21,9 @@ __all__ = ["VelocityEstimator"]
 
 F64 = NDArray[np.float64]
 
+# Beyond this a length in metres, or a rate, is no measurement, and its square no number.
+_MOST = 1e12
+
 
 class VelocityEstimator(Shared):
     """Velocity of a camera over flat ground, frame by frame.
@@ -80,18 +83,18 @@ class VelocityEstimator(Shared):
         R_body_from_camera: ArrayLike | None = None,
         lever_arm_m: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        if not isinstance(camera, Camera):
-            raise DTypeError(f"VelocityEstimator: camera is {type(camera).__name__}, expected rsflow.Camera")
-        self.camera = camera
-        self.height_m = None if height_m is None else _positive("height_m", height_m)
-        self.height_std_m = _deviation("height_std_m", height_std_m, "a length")
-        self.rate_std_rad_s = _deviation("rate_std_rad_s", rate_std_rad_s, "a rate")
-        turn = np.eye(3) if R_body_from_camera is None else np.asarray(R_body_from_camera, dtype=np.float64)
-        if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
-            raise OptionError(
-                f"VelocityEstimator: R_body_from_camera is {turn.tolist()}, expected a (3, 3) rotation: "
-                "orthonormal rows, determinant 1"
-            )
+        self.camera = _checks.instance("camera", camera, Camera, "an rsflow.Camera")
+        self.height_m = _checks.number_or_none("height_m", height_m, least=1 / _MOST, most=_MOST, of="metres")
+        self.height_std_m = _checks.number_or_none("height_std_m", height_std_m, least=0, most=_MOST, of="metres")
+        self.rate_std_rad_s = _checks.number_or_none("rate_std_rad_s", rate_std_rad_s, least=0, most=_MOST, of="rad/s")
+        rotation = "a rotation, (3, 3): orthonormal rows, determinant 1"
+        turn = np.eye(3)
+        if R_body_from_camera is not None:
+            given = _checks.array("R_body_from_camera", R_body_from_camera, (3, 3), rotation, finite=True)
+            turn = given.astype(np.float64)
+            orthonormal = np.abs(turn).max() < 2 and np.allclose(turn @ turn.T, np.eye(3), atol=1e-6)
+            if not orthonormal or np.linalg.det(turn) < 0:
+                raise OptionError(f"R_body_from_camera: got {turn.tolist()}, expected {rotation}")
         self.R_body_from_camera = turn
         self.lever_arm_m = _vector("lever_arm_m", lever_arm_m)
         self._prev: NDArray[Any] | None = None
@@ -144,18 +147,18 @@ class VelocityEstimator(Shared):
         """
         _checks.unmasked("image", image)
         self._check_image(image)
-        t_s = _checks.number("t_s", t_s, of="seconds", or_nan=True)
+        t_s = _checks.number("t_s", t_s, least=-_MOST, most=_MOST, of="seconds", or_nan=True)
         if not np.isfinite(t_s):
             raise OptionError(
-                f"VelocityEstimator: t_s is {t_s}, expected a time in seconds; pictures of a folder carry no times: "
+                f"t_s: got {t_s}, expected a finite number of seconds; pictures of a folder carry no times: "
                 "give their rate (rsflow.frames(..., frame_rate=30), or --rate 30 on the command line)"
             )
         if height_m is not None and range_m is not None:
-            raise OptionError("VelocityEstimator: height_m and range_m are both given, expected one of them")
+            raise OptionError("height_m, range_m: got both, expected one of them")
         straight = _vector("down", (0.0, 0.0, 1.0) @ self.R_body_from_camera.T if down is None else down)
         length = float(np.linalg.norm(straight))
         if length == 0.0:
-            raise OptionError("VelocityEstimator: down is (0, 0, 0), expected a direction")
+            raise OptionError("down: got (0, 0, 0), expected a direction")
         rate = None if rate_rad_s is None else _vector("rate_rad_s", rate_rad_s)
         down_camera = self.R_body_from_camera.T @ straight / length
         height, height_std = self._height(height_m, range_m, float(down_camera[2]))
@@ -177,19 +180,15 @@ class VelocityEstimator(Shared):
         return self._measure(prev, self._prev, float(t_s), interval, height_std, rate)
 
     def _check_image(self, image: Any) -> None:
-        if not isinstance(image, np.ndarray):
-            raise DTypeError(f"VelocityEstimator: image is {type(image).__name__}, expected a numpy array")
-        if image.ndim != 2:
-            raise ShapeError(
-                f"VelocityEstimator: image has shape {image.shape}, expected (height, width); "
-                "turn colour into grey with cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)"
+        height, width = _checks.frame("image", image).shape
+        if self._prev is not None and image.dtype != self._prev.dtype:
+            raise DTypeError(
+                f"image: got dtype {image.dtype}, expected that of the frame before, {self._prev.dtype}; "
+                "reset() starts another sequence"
             )
-        if image.dtype not in (np.uint8, np.uint16, np.float32):
-            raise DTypeError(f"VelocityEstimator: image is {image.dtype}, expected uint8, uint16 or float32")
-        height, width = image.shape
         if (width, height) != self.camera.size:
             raise ShapeError(
-                f"VelocityEstimator: image is {width} x {height} pixels, the camera {self.camera.width} x "
+                f"image: got {width} x {height} pixels, expected the camera's {self.camera.width} x "
                 f"{self.camera.height}; use camera.scaled({width}, {height}) or camera.cropped(...)"
             )
 
@@ -197,11 +196,11 @@ class VelocityEstimator(Shared):
         """Height and its deviation; NaN where none is known for this frame."""
         std = self.height_std_m or 0.0
         if range_m is not None:
-            measured = np.nan if np.isnan(range_m) else _positive("range_m", range_m)
+            measured = _checks.number("range_m", range_m, least=1 / _MOST, most=_MOST, of="metres", or_nan=True)
             return measured * cosine, std * abs(cosine)
         if height_m is None:
             return (np.nan if self.height_m is None else self.height_m), std
-        return (np.nan if np.isnan(height_m) else _positive("height_m", height_m)), std
+        return _checks.number("height_m", height_m, least=1 / _MOST, most=_MOST, of="metres", or_nan=True), std
 
     def _measure(
         self,
@@ -384,24 +383,8 @@ def _rotated(R: F64, covariance: F64) -> F64:
     return result
 
 
-def _positive(name: str, value: float) -> float:
-    number = float(value)
-    if not (np.isfinite(number) and number > 0):
-        raise OptionError(f"VelocityEstimator: {name} is {value!r}, expected a length in metres above 0")
-    return number
-
-
-def _deviation(name: str, value: float | None, of: str) -> float | None:
-    if value is None:
-        return None
-    number = float(value)
-    if not (np.isfinite(number) and number >= 0):
-        raise OptionError(f"VelocityEstimator: {name} is {value!r}, expected {of} of 0 or more")
-    return number
-
-
 def _vector(name: str, value: ArrayLike) -> F64:
-    vector = np.asarray(value, dtype=np.float64)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise OptionError(f"VelocityEstimator: {name} is {vector.tolist()}, expected three finite numbers")
+    vector = _checks.vector(name, value, 3, "three finite numbers")
+    if np.abs(vector).max() > _MOST:
+        raise OptionError(f"{name}: got {vector.tolist()}, expected numbers up to {_MOST:g}")
     return vector

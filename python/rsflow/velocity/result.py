@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _checks
+
 __all__ = ["Velocity", "VelocityStatus", "not_stated", "unmeasured"]
 
 F64 = NDArray[np.float64]
@@ -147,6 +149,7 @@ class Velocity:
         height          1.73 %
         total           2.00 %
         """
+        dt_std_s = _checks.number("dt_std_s", dt_std_s, least=0, most=1e9, of="seconds")
         if not self.valid:
             return f"no velocity: {self.status.name.lower().replace('_', ' ')}"
         flat = np.array([self.vx_m_s, self.vy_m_s])

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _checks
 from .._files import writing
 from .._time_series import TIME_COLUMNS, first_wrong, read_table
-from ..errors import FormatError, OptionError
+from ..errors import DTypeError, FormatError, OptionError
 from .result import Velocity
 
 __all__ = ["COLUMNS", "Heights", "plot_velocity", "velocity_row", "write_velocity_csv"]
@@ -87,6 +88,7 @@ class Heights:
         OSError
             If the file cannot be read.
         """
+        path = _checks.path("path", path)
         table = read_table(path, columns="height_m and one of t_s, frame")
         by = table.time_name() or ("frame" if "frame" in table.names else None)
         if by is None or "height_m" not in table.names:
@@ -136,6 +138,8 @@ class Heights:
         float
             Metres.
         """
+        frame = _checks.integer("frame", frame)
+        t_s = _checks.number("t_s", t_s, of="seconds", or_nan=True)
         if self.by == "t_s":
             first, last = float(self.keys[0]), float(self.keys[-1])
             if not first - _ROUNDING_S <= t_s <= last + _ROUNDING_S:
@@ -174,6 +178,9 @@ def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str
     >>> [(row["frame"], row["status"]) for row in rows]
     [(0, 'first_frame'), (1, 'ok'), (2, 'ok')]
     """
+    _checks.instance("velocity", velocity, Velocity, "a Velocity")
+    frame = _checks.integer("frame", frame)
+    height_m = _checks.number("height_m", height_m, of="metres", or_nan=True)
     std = np.sqrt(np.diag(velocity.covariance))
     return {
         "frame": frame,
@@ -220,6 +227,7 @@ def write_velocity_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, An
     ...     print(pathlib.Path(folder, "velocity.csv").read_text().splitlines()[0][:30])
     frame,t_s,dt_s,vx_m_s,vy_m_s,v
     """
+    path, rows = _checks.path("path", path), _rows(rows)
     with writing(path) as partial, partial.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(COLUMNS) + "\n")
         for row in rows:
@@ -228,6 +236,16 @@ def write_velocity_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, An
 
 def _cell(value: object) -> str:
     return f"{value + 0.0:.9g}" if isinstance(value, float) else str(value)
+
+
+def _rows(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Take the rows that `velocity_row` gives."""
+    expected = "rows from velocity_row"
+    found = list(_checks.iterable("rows", rows, expected))
+    for row in found:
+        if not isinstance(row, dict) or set(COLUMNS) - set(row):
+            raise _checks.refused("rows", row, expected, DTypeError)
+    return found
 
 
 def plot_velocity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], *, title: str = "") -> None:
@@ -266,8 +284,11 @@ def plot_velocity(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], 
     """
     from .._extras import require
 
+    path = _checks.file_name("path", path, (".png", ".svg", ".pdf"))
+    rows = _rows(rows)
+    title = _checks.text("title", title)
     if not rows:
-        raise OptionError("plot_velocity: rows is empty, expected a row for each frame")
+        raise OptionError("rows: got none, expected a row for each frame")
     figure_module = require("matplotlib.figure", extra="plot", purpose="drawing the velocity")
     figure = figure_module.Figure(figsize=(9.0, 6.0), layout="constrained")
     axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
