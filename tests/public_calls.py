@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import dataclasses
 import functools
 import importlib
@@ -145,7 +146,7 @@ def _writer(folder: Path) -> rsflow.VideoWriter:
 
 
 def _object_table(folder: Path) -> objects.ObjectTable:
-    return objects.ObjectTable(folder / "objects.csv").__enter__()
+    return OPENED.enter_context(objects.ObjectTable(folder / "objects.csv"))
 
 
 def _heights() -> velocity.Heights:
@@ -154,6 +155,10 @@ def _heights() -> velocity.Heights:
 
 def _bench_row() -> bench.Row:
     return bench.Row("points", "a", "rsflow", 0.1, 0.2, 1.0, 3.0)
+
+
+# What the calls need open; the test that makes them closes it.
+OPENED = contextlib.ExitStack()
 
 
 class Inline(concurrent.futures.Executor):
@@ -168,7 +173,7 @@ class Inline(concurrent.futures.Executor):
 Call = tuple[Callable[..., Any], dict[str, Any]]
 PAIR = {"prev": frame(0), "next": frame(1)}
 LIT = {"illumination": "none"}
-JOB: dict[str, Any] = {"stride": 1, "videos": False, "progress": False, "frame_rate": 30}
+JOB: dict[str, Any] = {"overwrite": True, "stride": 1, "videos": False, "progress": False, "frame_rate": 30}
 
 # By qualified name: what makes the function and the arguments of a call that works.
 CALLS: dict[str, Callable[[Path], Call]] = {
@@ -268,7 +273,10 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.dense_flow": lambda _: (rsflow.dense_flow, {**PAIR}),
     "rsflow.detect_corners": lambda _: (rsflow.detect_corners, {"frame": frame()}),
     "rsflow.estimate_shift": lambda _: (rsflow.estimate_shift, {**PAIR}),
-    "rsflow.extract": lambda folder: (rsflow.extract, {"source": "nowhere.mp4", "out": folder / "job", **JOB}),
+    "rsflow.extract": lambda folder: (
+        rsflow.extract,
+        {"source": "nowhere.mp4", "out": folder / "job", **JOB},
+    ),
     "rsflow.extract_many": lambda folder: (
         rsflow.extract_many,
         {"sources": ["nowhere.mp4"], "out": folder, "executor": Inline()},

@@ -12,7 +12,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from ._core import __version__, build_info, get_num_threads, set_num_threads
+from . import _core
+from ._core import __version__, build_info, get_num_threads
 from .errors import (
     CalibrationError,
     CaptureError,
@@ -130,6 +131,33 @@ __all__ = [
     "track_points",
     "write_flow",
 ]
+
+
+def set_num_threads(threads: int) -> None:
+    """Set the number of threads of all calls.
+
+    Parameters
+    ----------
+    threads : int
+        0 means one for each CPU. Results do not depend on it.
+
+    Raises
+    ------
+    OptionError
+        If it is no integer of at least 0.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> before = rsflow.get_num_threads()
+    >>> rsflow.set_num_threads(2)
+    >>> rsflow.get_num_threads()
+    2
+    >>> rsflow.set_num_threads(before)
+    """
+    from ._checks import integer
+
+    _core.set_num_threads(integer("threads", threads, least=0))
 
 
 def __getattr__(name: str) -> Any:

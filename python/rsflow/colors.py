@@ -203,7 +203,7 @@ def flow_over_picture(
     uv, known = _known(field, valid)
     ground = _drawing.displayed(picture)
     if ground.shape != (*uv.shape[:2], 3):
-        raise ShapeError(f"picture: got shape {ground.shape[:2]}, expected that of the flow, {uv.shape[:2]}")
+        raise ShapeError(f"picture: got shape {ground.shape[:2]}, expected that of field, {uv.shape[:2]}")
     limit = _checked_max_flow(fitted_max_flow(field) if max_flow is None else max_flow, uv, known)
     # At full saturation: how much it moves is told by the share of colour, so that the picture stays visible.
     length = np.hypot(uv[..., 0], uv[..., 1])

@@ -121,7 +121,8 @@ class QuiverStyle:
         if width is None:
             first = vectors_of(fields[0] if isinstance(fields, list | tuple) else fields, "fields")
             if first.ndim == 2:
-                raise _checks.refused("width", width, "the picture's width in pixels, for the motion of points")
+                motions = "the picture's width in pixels, since fields are motions of points"
+                raise _checks.refused("width", width, motions)
             width = first.shape[1]
         width = _checks.integer("width", width, least=1, most=1_000_000, of="pixels")
         if step is None:

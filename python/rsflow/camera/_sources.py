@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._checks import number
+from .._checks import number, path
 from .._limits import kind_of
 from .._picture_headers import picture_kind
 from ..errors import CaptureError, DTypeError, OptionError
@@ -65,8 +65,10 @@ def open_source(
             raise CaptureError("source: got an empty list, expected at least one frame")
         if all(isinstance(item, (str, os.PathLike)) for item in source):
             if len(source) == 1:
-                return _picture_source(Path(source[0]), limit)
-            return PictureReader([Path(item) for item in source], f"list of {len(source)} pictures", limit)
+                return _picture_source(path("source", source[0], "paths of pictures"), limit)
+            return PictureReader(
+                [path("source", item, "paths of pictures") for item in source], f"list of {len(source)} pictures", limit
+            )
         return ArrayReader(source, len(source), limit)
     return ArrayReader(source, None, limit)
 
@@ -239,13 +241,13 @@ class ArrayReader:
             seconds = number(f"source: item {index}: t_s", item.t_s, of="seconds", or_nan=True)
             return (item.image if item.color is None else item.color), seconds, item.name
         if isinstance(item, (str, os.PathLike)):
-            return read_picture(Path(item), self._limit), float("nan"), str(item)
+            return read_picture(path(f"source: item {index}", item), self._limit), float("nan"), str(item)
         t_s = float("nan")
         if isinstance(item, tuple) and len(item) == 2:
             item, given = item
             t_s = number(f"source: item {index}: t_s", given, of="seconds", or_nan=True)
             if isinstance(item, (str, os.PathLike)):
-                return read_picture(Path(item), self._limit), t_s, str(item)
+                return read_picture(path(f"source: item {index}", item), self._limit), t_s, str(item)
         if not isinstance(item, np.ndarray):
             raise DTypeError(
                 f"source: item {index}: got {type(item).__name__}, expected an array, an (array, t_s) pair, "

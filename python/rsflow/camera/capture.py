@@ -111,6 +111,8 @@ class Frames(Iterator[Frame]):
         times: NDArray[np.float64] | None,
         frame_rate: float | None,
     ) -> None:
+        if not (hasattr(reader, "read") and hasattr(reader, "source")):
+            raise _checks.refused("reader", reader, "what rsflow.frames opens: call that", DTypeError)
         self._reader = reader
         self._grey, self._color, self._roi = grey, color, roi
         self._start, self._stop, self._stride = start, stop, stride

@@ -182,10 +182,12 @@ def to_8bit(image: NDArray[Any]) -> NDArray[np.uint8]:
     """Give a grey picture in 8 bits, stretched from its darkest to its brightest pixel where it has more."""
     if image.dtype == np.uint8:
         return image
-    low, high = float(np.nanmin(image)), float(np.nanmax(image))
-    if not (math.isfinite(low) and math.isfinite(high) and high > low):
+    known = image[np.isfinite(image)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    if not high > low:
         return np.zeros(image.shape, np.uint8)
-    stretched = np.nan_to_num(image.astype(np.float32) - low) * (255.0 / (high - low))
+    # What is infinite is black or white.
+    stretched = (np.nan_to_num(image.astype(np.float64), nan=low).clip(low, high) - low) * (255.0 / (high - low))
     grey: NDArray[np.uint8] = stretched.round().astype(np.uint8)
     return grey
 

@@ -6,13 +6,16 @@ Exit codes: 0 done, 1 failed (one line on standard error says why), 2 wrong usag
 from __future__ import annotations
 
 import argparse
+import contextlib
 import difflib
 import importlib
 import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
+
+from rsflow.cli._streams import give_up_output, printable, usable_streams
 
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)` and `run(args) -> int`, one line of help).
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -61,12 +64,17 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, name the help and suggest the nearest option."""
 
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Print help or version; argparse passes over an error, after which nobody would know that nothing came."""
+        if message:
+            (file or sys.stderr).write(message)
+
     def error(self, message: str) -> NoReturn:
         """Print `message` as one line and leave with exit code 2."""
         unknown = re.match(r"unrecognized arguments: (--[^\s=]+)", message)
         if unknown:
             message += suggestion(unknown[1], self._option_string_actions)
-        self.exit(2, f"{self.prog}: {message} (see '{self.prog} --help')\n")
+        self.exit(2, f"{self.prog}: {printable(message)} (see '{self.prog} --help')\n")
 
 
 def _overview() -> str:
@@ -129,52 +137,55 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 done, 1 failed, 2 wrong usage, 130 interrupted.
     """
-    try:
-        name, run, args = _parsed(list(sys.argv[1:] if argv is None else argv))
-    except SystemExit as stop:
-        return stop.code if isinstance(stop.code, int) else 2
-    except KeyboardInterrupt:
-        return 130
-    return _guarded(name, run, args)
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    with usable_streams():
+        return _guarded(arguments)
 
 
-def _guarded(name: str, run: Callable[[argparse.Namespace], int | None], args: argparse.Namespace) -> int:
+def _guarded(arguments: list[str]) -> int:
     """Run a command; an expected failure is one line, without a traceback."""
     from rsflow.errors import RsflowError
 
+    name = "rsflow"
     try:
-        code = int(run(args) or 0)
+        try:
+            command, run, args = _parsed(arguments)
+            name = f"rsflow {command}"
+            code = int(run(args) or 0)
+        except SystemExit as stop:
+            code = 0 if stop.code is None else stop.code if isinstance(stop.code, int) else 2
         # What is still buffered must fail here, where it is told, not in the interpreter's shutdown.
         sys.stdout.flush()
         return code
     except BrokenPipeError:
         # The reader of our output went away, as `| head` does: not an error of ours.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        give_up_output()
         return 0
     except KeyboardInterrupt as stop:
-        print(f"rsflow {name}: {_one_line(stop) or 'interrupted'}", file=sys.stderr)
-        return 130
-    except SystemExit as stop:
-        return stop.code if isinstance(stop.code, int) else 2
+        return _told(name, stop, 130, str(stop) or "interrupted")
     except (RsflowError, OSError) as error:
-        if os.environ.get("RSFLOW_TRACEBACK"):
-            raise
-        print(f"rsflow {name}: {_one_line(error)}", file=sys.stderr)
-        return 1
+        return _told(name, error, 1, _words(error))
+    except MemoryError as error:
+        return _told(name, error, 1, f"out of memory{f': {error}' if str(error) else ''}")
     except Exception as error:
-        if os.environ.get("RSFLOW_TRACEBACK"):
-            raise
-        print(
-            f"rsflow {name}: internal error, {type(error).__name__}: {_one_line(error)} "
-            "(a fault of rsflow; RSFLOW_TRACEBACK=1 shows where)",
-            file=sys.stderr,
-        )
-        return 1
+        why = f"{type(error).__name__}: {error} (a fault of rsflow; RSFLOW_TRACEBACK=1 shows where)"
+        return _told(name, error, 1, f"internal error, {why}")
 
 
-def _one_line(error: BaseException) -> str:
-    text = str(error)
+def _told(name: str, error: BaseException, code: int, words: str) -> int:
+    """Print one line on standard error, or on the user's wish the whole way to it, and give the exit code."""
+    if os.environ.get("RSFLOW_TRACEBACK") and code == 1:
+        raise error
+    print(f"{name}: {printable(words)}", file=sys.stderr, flush=True)
+    if isinstance(error, OSError):
+        # Standard output itself may be what failed; what it still holds would fail again.
+        with contextlib.suppress(OSError, ValueError):
+            sys.stdout.flush()
+    return code
+
+
+def _words(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror:
         # Without the number: "[Errno 28] ..." says less than the words do.
-        text = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
-    return " ".join(text.split())
+        return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
+    return str(error)

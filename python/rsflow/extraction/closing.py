@@ -68,9 +68,9 @@ def close(outputs: Outputs, pipeline: Pipeline, ending: Ending) -> tuple[Extract
     }
     step("summary", lambda path: path.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n"))
     report = build(outputs, summary, files)
-    if not step("report", lambda path: path.write_text(page(report), encoding="utf-8")):
+    if not step("report", lambda path: path.write_text(page(report), encoding="utf-8", errors="backslashreplace")):
         bare = dataclasses.replace(report, figures=())
-        step("report", lambda path: path.write_text(page(bare), encoding="utf-8"))
+        step("report", lambda path: path.write_text(page(bare), encoding="utf-8", errors="backslashreplace"))
     if complete:
         remove_partial(outputs.folder)
         outputs.claim.remove_stale(files)

@@ -159,5 +159,6 @@ class Pipeline:
         scene = self._last_segmentation.background
         image = self._last_segmentation.image
         # Where nothing is known yet a middle grey stands; other depths are shown as the last frame would be.
-        picture = np.where(np.isfinite(scene), scene, np.nanmean(scene) if np.isfinite(scene).any() else 0.0)
+        known = np.isfinite(scene)
+        picture = np.where(known, scene, scene[known].mean(dtype=np.float64) if known.any() else 0.0)
         return displayed(picture.round().clip(0, 255).astype(np.uint8) if image.dtype == np.uint8 else picture)

@@ -48,7 +48,8 @@ class Progress:
         self.label = label
         self.done = 0
         self._stream = sys.stderr if stream is None else stream
-        self.enabled = self._stream.isatty() if enabled is None else enabled
+        # Under cron there may be no standard error at all.
+        self.enabled = self._stream is not None and (self._stream.isatty() if enabled is None else enabled)
         self._begin = time.monotonic()
         self._drawn = -1.0
         self._length = 0
