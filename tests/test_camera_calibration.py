@@ -234,18 +234,18 @@ def test_a_search_that_dies_is_an_error(monkeypatch):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"board": (2, 6)}, "board: got 2 x 6, expected 3 to 200"),
+        ({"board": (2, 6)}, r"board: got \(2, 6\), expected \(columns, rows\), integers from 3 to 200"),
         ({"board": 7}, r"board: got 7, expected \(columns, rows\)"),
         ({"square_size_m": 0.0}, r"square_size_m: got 0\.0"),
-        ({"pattern": "circles"}, "pattern: got 'circles', expected 'chessboard' or 'charuco'"),
+        ({"pattern": "circles"}, 'pattern: got "circles", expected "chessboard" or "charuco"'),
         ({"pattern": "charuco", "marker_size_m": 1.0}, r"marker_size_m: got 1\.0, expected less than the square's"),
-        ({"pattern": "charuco", "dictionary": "DICT_9"}, "dictionary: got 'DICT_9'"),
-        ({"coefficients": 3}, "coefficients: got 3, expected one of 0, 4, 5, 8, 12 for the model 'pinhole'"),
-        ({"coefficients": 5, "model": "fisheye"}, "coefficients: got 5, expected one of 0, 4 for the model 'fisheye'"),
-        ({"model": "mirror"}, "model: got 'mirror', expected 'pinhole' or 'fisheye'"),
+        ({"pattern": "charuco", "dictionary": "DICT_9"}, 'dictionary: got "DICT_9"'),
+        ({"coefficients": 3}, "coefficients: got 3, expected 0, 4, 5, 8 or 12 for the model 'pinhole'"),
+        ({"coefficients": 5, "model": "fisheye"}, "coefficients: got 5, expected 0 or 4 for the model 'fisheye'"),
+        ({"model": "mirror"}, 'model: got "mirror", expected "pinhole" or "fisheye"'),
         ({"time_budget_s": 0.0}, r"time_budget_s: got 0\.0"),
         ({"view_time_budget_s": math.inf}, "view_time_budget_s: got inf"),
-        ({"max_views": 2}, "max_views: got 2, expected at least 3"),
+        ({"max_views": 2}, "max_views: got 2, expected an integer of at least 3"),
     ],
 )
 def test_options_outside_of_their_range_are_refused(options, message):

@@ -291,7 +291,7 @@ def test_the_region_is_cut_without_a_copy():
     assert np.shares_memory(frame.image, image)
     with pytest.raises(rsflow.OptionError, match=r"\(40, 20, 30, 12\), expected a region inside the 64 x 48"):
         rsflow.frames([image], roi=(40, 20, 30, 12))
-    with pytest.raises(rsflow.OptionError, match="expected four integers"):
+    with pytest.raises(rsflow.OptionError, match=r"roi: got .*four integers"):
         rsflow.frames([image], roi=(1, 2, 3))
 
 
@@ -344,8 +344,8 @@ def test_sources_that_hold_nothing_are_refused(tmp_path):
         (np.zeros((4, 5, 7), np.uint8), rsflow.ShapeError, r"got shape \(4, 5, 7\), expected \(H, W\)"),
         (np.zeros((0, 5), np.uint8), rsflow.ShapeError, r"empty picture of shape \(0, 5\)"),
         ("soon", rsflow.CaptureError, "soon: cannot be read"),
-        (3, rsflow.DTypeError, "item 0 is of type int, expected an array"),
-        (None, rsflow.DTypeError, "item 0 is of type NoneType, expected an array"),
+        (3, rsflow.DTypeError, "item 0: got int, expected an array"),
+        (None, rsflow.DTypeError, "item 0: got NoneType, expected an array"),
     ],
 )
 def test_things_that_are_no_pictures_are_refused(image, error, message):
@@ -372,7 +372,12 @@ def test_options_outside_of_their_range_are_refused(options, message):
 
 
 def test_sources_of_a_wrong_kind_are_refused():
-    wrong = ((True, "got True"), (-1, "camera index -1"), (None, "got NoneType"), (np.zeros(3), "one array"))
+    wrong = (
+        (True, "got True"),
+        (-1, "source: got -1, expected an integer from 0"),
+        (None, "got NoneType"),
+        (np.zeros(3), "one array"),
+    )
     for source, message in wrong:
         with pytest.raises(rsflow.OptionError, match=message):
             rsflow.frames(source)
@@ -394,5 +399,5 @@ def test_none_is_not_taken_for_the_end():
     picture = np.zeros((4, 5), np.uint8)
     source = rsflow.frames([picture, None, picture])
     next(source)
-    with pytest.raises(rsflow.DTypeError, match="item 1 is of type NoneType"):
+    with pytest.raises(rsflow.DTypeError, match="item 1: got NoneType"):
         next(source)

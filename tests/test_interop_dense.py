@@ -93,7 +93,7 @@ def test_misuse_is_told_at_once() -> None:
     with pytest.raises(rsflow.OptionError, match="max_displacement: got -1"):
         opencv.DenseFlow(max_displacement=-1)
     estimator = opencv.DenseFlow()
-    with pytest.raises(rsflow.ShapeError, match="prev: got colour"):
+    with pytest.raises(rsflow.ShapeError, match="I0: got colour"):
         estimator.calc(np.dstack([PREV] * 3), np.dstack([NEXT] * 3), None)
     with pytest.raises(rsflow.ShapeError, match="expected the shape of prev"):
         estimator.calc(PREV, NEXT[:50], None)

@@ -228,7 +228,7 @@ def test_misuse_says_what_is_wrong(tmp_path: Path) -> None:
         rsflow.quiver(uv, colour=(1, 2, 3))
     with pytest.raises(rsflow.OptionError, match="step: got 0, expected an integer from 1"):
         rsflow.quiver(uv, step=0)
-    with pytest.raises(rsflow.OptionError, match="scale must be a positive number, got -1"):
+    with pytest.raises(rsflow.OptionError, match="scale: got -1, expected a finite number"):
         rsflow.quiver(uv, scale=-1)
     with pytest.raises(rsflow.ShapeError, match=r"picture is \(5, 5\) and the flow is \(10, 12\)"):
         rsflow.quiver(uv, picture=np.zeros((5, 5), np.uint8))

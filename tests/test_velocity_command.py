@@ -236,7 +236,7 @@ def test_heights_that_are_no_text(tmp_path: Path) -> None:
 
 
 def test_plot_of_nothing(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="rows is empty"):
+    with pytest.raises(OptionError, match="rows: got none"):
         plot_velocity(tmp_path / "v.png", [])
 
 

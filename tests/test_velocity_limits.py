@@ -63,46 +63,48 @@ def test_camera_that_looks_along_the_ground_sees_none() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"height_m": 0.0}, "height_m is 0.0, expected a length in metres above 0"),
-        ({"height_m": float("nan")}, "height_m is nan"),
-        ({"rate_std_rad_s": float("nan")}, r"rate_std_rad_s is nan, expected a rate of 0 or more"),
-        ({"height_std_m": -1.0}, "height_std_m is -1.0, expected a length of 0 or more"),
-        ({"R_body_from_camera": np.eye(2)}, r"R_body_from_camera is .*, expected a \(3, 3\) rotation"),
+        ({"height_m": 0.0}, "height_m: got 0.0, expected a finite number of metres"),
+        ({"height_m": float("nan")}, "height_m: got NaN"),
+        ({"rate_std_rad_s": float("nan")}, "rate_std_rad_s: got NaN, expected a finite number of rad/s from 0"),
+        ({"height_std_m": -1.0}, "height_std_m: got -1.0, expected a finite number of metres from 0"),
+        ({"R_body_from_camera": np.eye(2)}, r"R_body_from_camera: got shape \(2, 2\), expected a rotation"),
         ({"R_body_from_camera": np.diag([1, 1, -1])}, "determinant 1"),
-        ({"lever_arm_m": (1.0, 2.0)}, "lever_arm_m is .*, expected three finite numbers"),
+        ({"lever_arm_m": (1.0, 2.0)}, r"lever_arm_m: got shape \(2,\), expected three finite numbers"),
     ],
 )
 def test_misuse_of_the_estimator(options: dict[str, object], message: str) -> None:
-    with pytest.raises(OptionError, match=message):
+    with pytest.raises((OptionError, ShapeError), match=message):
         VelocityEstimator(WIDE, **options)  # type: ignore[arg-type]
 
 
 def test_misuse_of_update() -> None:
-    with pytest.raises(DTypeError, match=r"camera is str, expected rsflow.Camera"):
+    with pytest.raises(DTypeError, match=r'camera: got "cam\.yaml", expected an rsflow\.Camera'):
         VelocityEstimator("cam.yaml")  # type: ignore[arg-type]
     estimator = VelocityEstimator(WIDE, height_m=0.2)
     image = np.zeros((120, 160), np.uint8)
     with pytest.raises(
-        OptionError, match="t_s is nan, expected a time in seconds; pictures of a folder carry no times"
+        OptionError, match="t_s: got nan, expected a finite number of seconds; pictures of a folder carry no times"
     ):
         estimator.update(image, float("nan"))
-    with pytest.raises(OptionError, match="height_m and range_m are both given"):
+    with pytest.raises(OptionError, match="height_m, range_m: got both"):
         estimator.update(image, 0.0, height_m=1.0, range_m=1.0)
-    with pytest.raises(OptionError, match=r"height_m is -1.0"):
+    with pytest.raises(OptionError, match=r"height_m: got -1\.0"):
         estimator.update(image, 0.0, height_m=-1.0)
-    with pytest.raises(OptionError, match=r"range_m is 0.0"):
+    with pytest.raises(OptionError, match=r"range_m: got 0\.0"):
         estimator.update(image, 0.0, range_m=0.0)
-    with pytest.raises(OptionError, match=r"down is \(0, 0, 0\), expected a direction"):
+    with pytest.raises(OptionError, match=r"down: got \(0, 0, 0\), expected a direction"):
         estimator.update(image, 0.0, down=(0, 0, 0))
-    with pytest.raises(OptionError, match=r"rate_rad_s is .* expected three finite numbers"):
+    with pytest.raises(OptionError, match=r"rate_rad_s\[1\]: got inf, expected three finite numbers"):
         estimator.update(image, 0.0, rate_rad_s=(0, float("inf"), 0))
-    with pytest.raises(ShapeError, match=r"image is 80 x 60 pixels, the camera 160 x 120; use camera.scaled\(80, 60\)"):
+    with pytest.raises(
+        ShapeError, match=r"image: got 80 x 60 pixels, expected the camera's 160 x 120; use camera.scaled\(80, 60\)"
+    ):
         estimator.update(np.zeros((60, 80), np.uint8), 0.0)
-    with pytest.raises(ShapeError, match=r"image has shape \(120, 160, 3\), expected \(height, width\)"):
+    with pytest.raises(ShapeError, match=r"image: got colour, shape \(120, 160, 3\), expected grey \(height, width\)"):
         estimator.update(np.zeros((120, 160, 3), np.uint8), 0.0)
-    with pytest.raises(DTypeError, match="image is float64, expected uint8, uint16 or float32"):
+    with pytest.raises(DTypeError, match="image: got dtype float64, expected uint8, uint16 or float32"):
         estimator.update(np.zeros((120, 160)), 0.0)
-    with pytest.raises(DTypeError, match="image is list, expected a numpy array"):
+    with pytest.raises(DTypeError, match="image: got list, expected a numpy array"):
         estimator.update([[0]], 0.0)  # type: ignore[arg-type]
 
 

@@ -121,6 +121,11 @@ def _parsed(arguments: list[str]) -> tuple[str, Callable[[argparse.Namespace], i
         allow_abbrev=False,
     )
     module.add_arguments(parser)
+    for argument in arguments[1:]:
+        option, equals, value = argument.partition("=")
+        if option.startswith("--") and equals and value == "--":
+            # argparse makes an empty list of it.
+            parser.error(f"argument {option}: got '--', expected a value")
     return name, module.run, parser.parse_args(arguments[1:])
 
 

@@ -58,8 +58,8 @@ class VelocityEstimator(Shared):
 
     Raises
     ------
-    OptionError
-        If a height is not above 0, a deviation below 0, or the matrix not a rotation.
+    OptionError, ShapeError, DTypeError
+        If a height is not above 0, a deviation below 0, the matrix not a rotation, or an argument of another kind.
 
     Examples
     --------
