@@ -214,6 +214,16 @@ def test_misuse_is_explained(options, error, message):
         estimate_shift(prev, nxt, **options)
 
 
+def test_the_longest_displacement_is_a_length_not_a_side():
+    prev, nxt = pair(7.0, 7.0)
+    assert estimate_shift(prev, nxt, max_displacement=10.0).valid
+    # Each axis is within 8 pixels, the way is not.
+    shift = estimate_shift(prev, nxt, max_displacement=8.0)
+    assert (shift.status, shift.valid) == (rsflow.ShiftStatus.NO_MATCH, False)
+    assert np.isnan([shift.dx, shift.dy, shift.gain, shift.offset, shift.residual]).all()
+    assert np.isinf(np.diag(shift.covariance)).all()
+
+
 def test_frames_of_different_size_are_explained():
     with pytest.raises(rsflow.ShapeError, match="next"):
         estimate_shift(np.zeros((9, 9), np.uint8), np.zeros((9, 8), np.uint8))
@@ -311,7 +321,7 @@ def test_the_command_prints_what_was_measured(tmp_path, capsys):
     assert main(["shift", flat, flat, "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["dx"] is None
     assert main(["shift", flat, str(tmp_path / "none.png")]) == 1
-    assert "none.png: No such file" in capsys.readouterr().err
+    assert "none.png: cannot be read: No such file" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("illumination", ["none", "offset", "gain_offset"])

@@ -157,7 +157,7 @@ def set_num_threads(threads: int) -> None:
     """
     from ._checks import integer
 
-    _core.set_num_threads(integer("threads", threads, least=0))
+    _core.set_num_threads(integer("threads", threads))
 
 
 def __getattr__(name: str) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -131,8 +132,8 @@ def estimate_shift(
         How light may change: ``next = gain * prev + offset``, ``next = prev + offset`` or not at all. Both may vary
         slowly over the window.
     max_displacement : float, optional
-        The largest displacement along each axis, in pixels; by default half the window. A pattern that repeats within
-        this reach is `ShiftStatus.AMBIGUOUS`: below half a period it is measured.
+        The longest displacement to look for, a length in pixels; by default half the window along each axis. A pattern
+        that repeats within this reach is `ShiftStatus.AMBIGUOUS`: below half a period it is measured.
 
     Returns
     -------
@@ -181,4 +182,8 @@ def estimate_shift(
     dx, dy, covariance, gain, offset, residual, status = _core.estimate_shift(
         before, after, window, where, light, reach
     )
+    # lk-core looks as far along each axis, and gives what is found a pixel more, as here.
+    if reach is not None and math.hypot(dx, dy) > reach + 1:
+        nowhere = np.diag([math.inf, math.inf])
+        return Shift(math.nan, math.nan, nowhere, math.nan, math.nan, math.nan, ShiftStatus.NO_MATCH)
     return Shift(dx, dy, covariance, gain, offset, residual, _STATUS[status])

@@ -158,7 +158,7 @@ def track_points(
         Levels of the pyramid, the frame itself included. By default they follow from the frame's size and from
         `max_displacement`.
     max_displacement : float, optional
-        The longest displacement to look for, in pixels. By default any.
+        The longest displacement to look for, a length in pixels. By default any.
     max_iterations : int, optional
         Steps on one level after which a point counts as not converged.
     epsilon : float, optional
