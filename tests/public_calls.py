@@ -122,7 +122,7 @@ def tracks() -> rsflow.Tracks:
 def a_calibration() -> rsflow.Calibration:
     view = calibration.View("a", True, corners=np.zeros((12, 2), np.float32), ids=np.arange(12), rms=0.1)
     camera = Camera(60.0, 60.0, 39.5, 29.5, width=80, height=60, std={"fx": 0.1, "fy": 0.1, "cx": 0.1, "cy": 0.1})
-    return rsflow.Calibration(camera, 0.1, (view,), BOARD, {"fx": 0.1, "fy": 0.1}, {"fx": 0.0, "fy": 0.0})
+    return rsflow.Calibration(camera, 0.1, (view,), BOARD, {"fx": 0.1}, {"fx": 0.0}, {"fx": 0.0}, np.eye(9), 0.5, 0.0)
 
 
 def extraction(folder: Path) -> rsflow.Extraction:
@@ -211,6 +211,8 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.FlowField.plot": lambda folder: (field().plot, {"path": folder / "plot.png"}),
     "rsflow.FlowField.save": lambda folder: (field().save, {"path": folder / "flow.npy"}),
     "rsflow.FlowField.warp": lambda _: (field().warp, {"frame": frame(1)}),
+    "rsflow.InternalError": lambda _: (rsflow.InternalError, {}),
+    "rsflow.OutOfMemoryError": lambda _: (rsflow.OutOfMemoryError, {}),
     "rsflow.FormatError": lambda _: (rsflow.FormatError, {}),
     "rsflow.Frame": lambda _: (Frame, {"image": frame(), "t_s": 0.0, "index": 0}),
     "rsflow.Frames": lambda _: (

@@ -122,7 +122,9 @@ def test_a_sequence_gives_what_pairs_give() -> None:
 def test_a_frame_of_another_size_is_refused_and_the_next_is_a_first_one() -> None:
     flow = rsflow.DenseFlow(preset="fast")
     flow.update(scene())
-    with pytest.raises(rsflow.ShapeError, match=r"next: got \(60, 160\), expected the shape of prev, \(120, 160\)"):
+    with pytest.raises(
+        rsflow.ShapeError, match=r"frame: got \(60, 160\), expected the shape of the frames before, \(120, 160\)"
+    ):
         flow.update(scene()[:60])
     assert flow.update(scene()[:60]) is None
 

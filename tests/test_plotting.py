@@ -230,7 +230,7 @@ def test_misuse_says_what_is_wrong(tmp_path: Path) -> None:
         rsflow.quiver(uv, step=0)
     with pytest.raises(rsflow.OptionError, match="scale: got -1, expected a finite number"):
         rsflow.quiver(uv, scale=-1)
-    with pytest.raises(rsflow.ShapeError, match=r"picture is \(5, 5\) and the flow is \(10, 12\)"):
+    with pytest.raises(rsflow.ShapeError, match=r"picture: got shape \(5, 5\), expected that of the flow, \(10, 12\)"):
         rsflow.quiver(uv, picture=np.zeros((5, 5), np.uint8))
     with pytest.raises(rsflow.ShapeError, match=r"valid: got shape \(3,\), expected that of the motion, \(10, 12\)"):
         rsflow.quiver(uv, valid=np.ones(3, bool))
