@@ -232,7 +232,7 @@ def test_rest_is_told_from_motion(tmp_path):
         ({"preset": "best"}, OptionError, 'preset: got "best"'),
         ({"illumination": "sun"}, OptionError, 'illumination: got "sun"'),
         ({"camera_motion": "no"}, OptionError, 'camera_motion: got "no"'),
-        ({"height_m": 0.2}, OptionError, "height_m: a height needs a camera"),
+        ({"height_m": 0.2}, OptionError, "a height needs a camera"),
         ({"height_m": -1.0, "camera": "c.json"}, OptionError, "height_m: got -1.0"),
         ({"height_std_m": -1.0}, OptionError, "height_std_m: got -1.0"),
         ({"start": 2, "stop": 2}, CaptureError, "has 3 frames, and none is left by start=2, stop=2"),
