@@ -191,11 +191,8 @@ def test_a_folder_in_the_place_of_the_file_is_an_error_that_names_it(tmp_path):
 LEAVE = """
 import sys, time
 from pathlib import Path
-from rsflow._files import Working, working_name
+from rsflow._files import Working
 files = [Working(Path(sys.argv[1], "x.csv")) for _ in range(3)]
-folder = working_name(Path(sys.argv[1], "run"))
-folder.mkdir()
-(folder / "a").write_text("x")
 print("ready", flush=True)
 time.sleep(600)
 """
@@ -211,7 +208,7 @@ def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path):
     other = tmp_path / ".x.working-copy.csv"
     other.write_text("the user's")
     living = {path.name for path in tmp_path.iterdir()}
-    assert len(living) == 7
+    assert len(living) == 6
     remove_leftovers(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == living
     process.kill()

@@ -12,9 +12,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from ._processes import is_alive, this_process
+from ._processes import is_alive, is_here, this_process
 
-__all__ = ["Working", "remove_leftovers", "working_name", "writing"]
+__all__ = ["Working", "left_by_the_dead", "of_elsewhere", "remove_leftovers", "working_name", "writing"]
 
 # Stem, process (see `this_process`), random part, suffix.
 _WORKING = re.compile(r"\..*\.working-(?P<process>\d+-[0-9a-f]+-\d+)-[0-9a-f]{12}(\.[^.]*)?", re.DOTALL)
@@ -37,22 +37,25 @@ def working_name(path: Path) -> Path:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove the working files and folders in `folder` of processes of this machine that are dead."""
+    """Remove the working files in `folder` of processes of this machine that are dead."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
-            if left_by_the_dead(entry.name):
+            if left_by_the_dead(entry.name) and not entry.is_dir(follow_symlinks=False):
                 with contextlib.suppress(OSError):
-                    if entry.is_dir(follow_symlinks=False):
-                        shutil.rmtree(entry.path)
-                    else:
-                        # Of a link the link itself.
-                        os.unlink(entry.path)  # noqa: PTH108
+                    # Of a link the link itself.
+                    os.unlink(entry.path)  # noqa: PTH108
 
 
 def left_by_the_dead(name: str) -> bool:
     """Whether `name` is a working name of a process of this machine that does not run any more."""
     found = _WORKING.fullmatch(name)
     return found is not None and not is_alive(found["process"])
+
+
+def of_elsewhere(name: str) -> bool:
+    """Whether `name` is a working name of a process of another machine or container, of which nothing else is known."""
+    found = _WORKING.fullmatch(name)
+    return found is not None and not is_here(found["process"])
 
 
 class Working:

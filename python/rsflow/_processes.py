@@ -8,7 +8,7 @@ import sys
 import zlib
 from pathlib import Path
 
-__all__ = ["is_alive", "this_process"]
+__all__ = ["is_alive", "is_here", "this_process"]
 
 
 def this_process() -> str:
@@ -25,11 +25,16 @@ def this_process() -> str:
     return f"{pid}-{_machine(pid):x}-{started}"
 
 
+def is_here(mark: str) -> bool:
+    """Whether the process of a mark is of this machine."""
+    return int(mark.split("-")[1], 16) == _machine(os.getpid())
+
+
 def is_alive(mark: str) -> bool:
     """Whether the process of a mark runs; True too where that cannot be known, as of another machine."""
-    number, machine, started = mark.split("-")
+    number, _, started = mark.split("-")
     pid = int(number)
-    if int(machine, 16) != _machine(os.getpid()):
+    if not is_here(mark):
         return True
     if pid == os.getpid() and started == _state(pid)[1]:
         return True

@@ -13,7 +13,7 @@ from rsflow.cli.extract import add_options, options
 DESCRIPTION = """\
 Extract from many sources at once, each into a folder of its own in OUT, on a pool of processes. A source that fails
 does not stop the others; a table at the end says what became of each. Ctrl-C ends those at hand after the frame at
-hand and keeps what is finished, a second one ends them at once.
+hand and keeps what is finished, a second one ends them at once; with --resume those go on that did not end.
 
 examples:
   rsflow batch clips/*.mp4 -o out

@@ -42,8 +42,10 @@ examples:
   rsflow extract clip.mp4 -o out --start 100 --stop 400 --roi 0,80,640,400
   rsflow extract clip.mp4 -o out --json | python -c 'import json, sys; print(json.load(sys.stdin)["frames"])'
 
-Ctrl-C stops after the frame at hand: what is finished is kept, named *.partial.*, with a report; the message says
-with which --start to go on, into another folder. exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
+Ctrl-C stops after the frame at hand: what is finished is kept, named *.partial.*, with a report; the same command with
+--resume goes on, also after a crash, and gives the tables of a run in one piece.
+
+exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -72,6 +74,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_max_displacement(how)
     how.add_argument("--no-videos", action="store_true", help="tables and report only: faster")
     add_overwrite(parser)
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with a run that was interrupted or killed; with none, begin"
+    )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -100,6 +105,7 @@ def options(args: argparse.Namespace) -> dict[str, Any]:
         "max_displacement": args.max_displacement,
         "videos": not args.no_videos,
         "overwrite": args.overwrite,
+        "resume": args.resume,
     }
 
 

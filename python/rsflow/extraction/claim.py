@@ -13,6 +13,7 @@ from .._results import Identity, expect_own, read_json
 from .outputs import NAMES
 from .settings import ExtractSettings
 from .tables import partial_name
+from .workspace import identities
 
 __all__ = ["Claim", "input_files", "written_names"]
 
@@ -60,8 +61,11 @@ class Claim:
         self.identity = Identity.of(source, options, files=_FILES)
         self._stale: set[str] = set()
         found = sorted(path for name in written_names(settings) if (path := folder / name).exists())
-        before = [read_json(path) for path in (folder / NAMES["summary"], partial_name(folder / NAMES["summary"]))]
-        for summary in [summary for summary in before if summary] or [{}]:
+        summaries = [read_json(path) for path in (folder / NAMES["summary"], partial_name(folder / NAMES["summary"]))]
+        summaries = [summary for summary in summaries if summary]
+        # One that was killed while it named its files has left no summary, but its workspace.
+        own = not summaries and any(not self.identity.difference(left) for left in identities(folder))
+        for summary in [] if own else summaries or [{}]:
             difference = self.identity.difference(summary.get("identity"))
             if difference and not overwrite:
                 expect_own(folder, found, difference, detail=self._detail(summary))

@@ -74,6 +74,7 @@ def close(outputs: Outputs, pipeline: Pipeline, ending: Ending) -> tuple[Extract
     if complete:
         remove_partial(outputs.folder)
         outputs.claim.remove_stale(files)
+        outputs.released = trouble is None
     order = {name: files[name] for name in NAMES if name in files}
     return Extraction(outputs.folder, complete, order, summary), trouble
 
@@ -102,7 +103,9 @@ def _summary(
         problems.append(f"The run ended early: {ending.reason or trouble}. What is here was finished until then.")
     if not complete and ending.last is not None:
         problems.append(
-            f"Go on into another folder with --start {ending.last}; its first row repeats frame {ending.last}."
+            "The same command with --resume goes on."
+            if outputs.resumable
+            else f"Go on into another folder with --start {ending.last}; its first row repeats frame {ending.last}."
         )
     summary = {
         "version": __version__,

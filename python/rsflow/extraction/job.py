@@ -12,6 +12,7 @@ from .. import _checks
 from ..camera._empty import expect_range, nothing_to_measure
 from ..errors import RsflowError
 from .background import BackgroundWorker
+from .checkpoint import CheckpointError, Saved, restoring
 from .claim import Claim
 from .closing import Ending, close
 from .outputs import Outputs
@@ -19,6 +20,7 @@ from .pipeline import Measured, Pipeline
 from .probe import PROBE_BYTES, PROBE_PAIRS
 from .progress import Progress
 from .result import Extraction, ExtractionInterrupted, PartialExtractionError
+from .resume import finished, saved_run
 from .settings import CameraMotion, ExtractSettings, Illumination, Preset
 from .stopping import StopRequest
 
@@ -45,6 +47,7 @@ def extract(
     progress: bool = False,
     on_frame: Callable[[Measured], None] | None = None,
     overwrite: bool = False,
+    resume: bool = False,
 ) -> Extraction:
     """Extract the motion of one source into a folder: tables, videos and a report page, in one pass.
 
@@ -91,6 +94,10 @@ def extract(
     overwrite : bool
         Replace the result of another source or of other settings too. A camera, a stream or an iterable, which two
         runs cannot be known to see alike, always count as another source.
+    resume : bool
+        Go on with the run of this source and these settings that was interrupted, failed or was killed in `out`, from
+        its last checkpoint: the tables become the same, to the byte, as those of a run in one piece. Where there is
+        none, begin; where the result is complete, give it. `on_frame` sees the new frames alone.
 
     Returns
     -------
@@ -108,7 +115,8 @@ def extract(
         If the source cannot be opened, or no frame is left of it by `start`, `stop` and `stride`.
     OptionError, FormatError
         If an option is outside of what it allows, the camera file is not one, no frame has a height, a result would be
-        written over a file that is read, or `out` holds the result of another run. Nothing is written then.
+        written over a file that is read, `out` holds the result of another run, or there is something to resume that
+        cannot be. Nothing is written then.
     OSError
         If the folder cannot be written.
 
@@ -139,16 +147,40 @@ def extract(
     )
     settings.validate()
     out, progress = _checks.path("out", out, "a folder"), _checks.flag("progress", progress)
-    overwrite = _checks.flag("overwrite", overwrite)
+    overwrite, resume = _checks.flag("overwrite", overwrite), _checks.flag("resume", resume)
     if on_frame is not None:
         _checks.function("on_frame", on_frame, 1)
     from ..camera.capture import frames
 
-    with frames(source, color=True, roi=roi, start=start, stop=stop, stride=stride, frame_rate=frame_rate) as stream:
+    options: dict[str, Any] = {"color": True, "roi": roi, "stop": stop, "stride": stride, "frame_rate": frame_rate}
+    with frames(source, start=start, **options) as stream:
         expect_range(stream)
         claim = Claim(out, source, settings, overwrite=overwrite)
-        with Outputs(out, stream, settings, claim) as outputs:
-            return _Job(stream, settings, outputs, on_frame).run(progress)
+        saved = saved_run(claim, overwrite=overwrite) if resume else None
+        done = finished(claim) if resume and saved is None else None
+        if done is not None:
+            return done
+        if saved is None:
+            return _run(stream, claim, on_frame, progress)
+    try:
+        with frames(source, start=saved.frame, **options) as stream:
+            return _run(stream, claim, on_frame, progress, saved)
+    except CheckpointError:
+        if not overwrite:
+            raise
+    with frames(source, start=start, **options) as stream:
+        return _run(stream, claim, on_frame, progress)
+
+
+def _run(
+    stream: Any, claim: Claim, on_frame: Callable[[Measured], None] | None, progress: bool, saved: Saved | None = None
+) -> Extraction:
+    with restoring(saved):
+        outputs = Outputs(claim.folder, stream, claim.settings, claim, saved)
+    with outputs:
+        with restoring(saved):
+            job = _Job(stream, claim.settings, outputs, on_frame, saved)
+        return job.run(progress)
 
 
 class _Job:
@@ -160,17 +192,29 @@ class _Job:
         settings: ExtractSettings,
         outputs: Outputs,
         on_frame: Callable[[Measured], None] | None,
+        saved: Saved | None = None,
     ) -> None:
         self.stream, self.settings, self.outputs, self.on_frame = stream, settings, outputs, on_frame
-        self.pipeline = Pipeline(settings, stream)
+        self.pipeline = Pipeline(settings, stream, whole=saved is None)
         self.held: list[tuple[Any, Any, Any]] = []
-        self.settled = False
+        self.settled = saved is not None
         self.last: int | None = None
+        self.begin = time.monotonic()
+        if saved is not None:
+            self._go_on(saved)
         self.second: BackgroundWorker[tuple[Any, Any, Any]] = BackgroundWorker(self._process, name="rsflow-separate")
+
+    def _go_on(self, saved: Saved) -> None:
+        """Be as after the frame of a checkpoint, which is the first that the stream gives."""
+        frame = next(self.stream, None)
+        if frame is None or frame.index != saved.frame:
+            raise ValueError(f"the source has no frame {saved.frame} any more")
+        self.pipeline.go_on(saved, frame)
+        self.outputs.go_on(saved, frame)
+        self.last = frame.index
 
     def run(self, progress: bool) -> Extraction:
         """Take all frames; raise what ended the run early, after keeping what is finished."""
-        begin = time.monotonic()
         with StopRequest() as stop:
             interrupted, failure = False, None
             try:
@@ -185,13 +229,17 @@ class _Job:
             except Exception as error:
                 failure = error
             interrupted = (interrupted or stop.requested) and failure is None
+            # What the probe decides from fewer frames than it wants is not what the whole run would decide.
+            whole = self.settled
             failure = self._drained() or failure
             if self.last is None:
                 # Nothing to keep: the folder stays as it was.
                 raise failure or (KeyboardInterrupt() if interrupted else nothing_to_measure(self.stream))
             if failure is None and not interrupted:
                 failure = self.pipeline.without_height()
-            return self._ended(interrupted, failure, time.monotonic() - begin)
+            if interrupted and whole and failure is None:
+                failure = self._last_checkpoint()
+            return self._ended(interrupted, failure, time.monotonic() - self.begin)
 
     def take(self, frame: Any) -> None:
         """Measure one frame; the first ones wait until the probe is decided."""
@@ -222,6 +270,8 @@ class _Job:
         self.last = frame.index
         if self.on_frame is not None:
             self.on_frame(measured)
+        if self.outputs.schedule.due():
+            self.outputs.checkpoint(frame.index, self.pipeline.state(), time.monotonic() - self.begin)
 
     def _drained(self) -> Exception | None:
         """Process what waits, also where the run was too short for the probe; give the error that ended it."""
@@ -233,6 +283,19 @@ class _Job:
             return error
         return None
 
+    def _last_checkpoint(self) -> Exception | None:
+        """Let the rest be measured later as if nothing had happened; give the error that stands in the way."""
+        assert self.last is not None
+        try:
+            assert self.outputs.views is not None
+            trouble = self.outputs.views.drained()
+            if trouble is None:
+                seconds = time.monotonic() - self.begin
+                self.outputs.checkpoint(self.last, self.pipeline.state(), seconds, drained=True)
+        except Exception as error:
+            return error
+        return trouble
+
     def _ended(self, interrupted: bool, failure: BaseException | None, seconds: float) -> Extraction:
         """Complete the files and give or raise the result."""
         live_end = interrupted and self.stream.live
@@ -241,12 +304,15 @@ class _Job:
             reason = _reason(failure)
         elif interrupted and not live_end:
             reason = f"interrupted after frame {self.last}"
+        seconds += self.outputs.seconds_before
         extraction, trouble = close(self.outputs, self.pipeline, Ending(reason, self.last, seconds))
         failure = failure or trouble
         if failure is not None:
             raise PartialExtractionError(f"{_reason(failure)}; {_kept(extraction)}", extraction) from failure
         if reason:
-            raise ExtractionInterrupted(f"{reason}; {_kept(extraction)}; {_going_on(extraction)}", extraction)
+            raise ExtractionInterrupted(
+                f"{reason}; {_kept(extraction)}; {_going_on(extraction, self.outputs.resumable)}", extraction
+            )
         return extraction
 
 
@@ -266,5 +332,7 @@ def _kept(extraction: Extraction) -> str:
     return f"{kept} as *.partial.* in {extraction.folder}"
 
 
-def _going_on(extraction: Extraction) -> str:
+def _going_on(extraction: Extraction, resumable: bool) -> str:
+    if resumable:
+        return "the same command with --resume goes on"
     return f"go on into another folder with --start {extraction.summary['next_start']}"

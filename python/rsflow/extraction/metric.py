@@ -87,6 +87,14 @@ class HeightOf:
         self._asked = [*self._asked[:1], (frame, t_s)]
         return height
 
+    def counts(self) -> tuple[int, list[tuple[int, float]]]:
+        """Give what `go_on` needs."""
+        return self._known, self._asked
+
+    def go_on(self, counts: tuple[int, list[tuple[int, float]]]) -> None:
+        """Be as after the frames that were counted."""
+        self._known, self._asked = counts
+
     def expect_some(self, stream: Frames) -> None:
         """Raise OptionError where it is plain before the first frame that none of `stream` has a height."""
         count = stream.count

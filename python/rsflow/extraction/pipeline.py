@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from . import rows
 from .metric import HeightOf, fitting_camera
 from .probe import CameraDecision, arrow_style, camera_motion
 from .settings import ExtractSettings
+
+if TYPE_CHECKING:
+    from .checkpoint import Saved
 
 __all__ = ["Measured", "Pipeline"]
 
@@ -58,7 +61,7 @@ class Measured:
 class Pipeline:
     """The estimators of one extraction, fed frame by frame in two steps with the probe's decision between."""
 
-    def __init__(self, settings: ExtractSettings, stream: Any) -> None:
+    def __init__(self, settings: ExtractSettings, stream: Any, *, whole: bool = True) -> None:
         from .. import DenseFlow
 
         self.settings, self.stream = settings, stream
@@ -85,7 +88,8 @@ class Pipeline:
         if settings.height_m is not None:
             # Read before the first frame: a wrong file must fail before anything is written.
             self._height = HeightOf(settings.height_m)
-            self._height.expect_some(stream)
+            if whole:
+                self._height.expect_some(stream)
 
     def measure(self, frame: Any) -> tuple[Any, Any]:
         """First step: displacement and dense flow since the frame before, None for the first."""
@@ -121,6 +125,35 @@ class Pipeline:
             self.decision = camera_motion(told)
         self._segmenter = MotionSegmenter(camera_motion=self.decision.motion)
         return arrow_style([flow for _, flow in told], width)
+
+    def state(self) -> dict[str, Any]:
+        """Give what the second step knows beside the last frame, for `go_on`."""
+        return {
+            "decision": (self.decision.motion, self.decision.reason),
+            "segmenter": self._segmenter,
+            "heights": None if self._height is None else self._height.counts(),
+            "unstated": self.unstated,
+        }
+
+    def go_on(self, saved: Saved, frame: Any) -> None:
+        """Be as after `frame`, which is measured already, from what was saved then."""
+        from .. import MotionSegmenter
+
+        state = saved.value("pipeline", make={"MotionSegmenter": MotionSegmenter})
+        self.decision = CameraDecision(*state["decision"])
+        self._segmenter = segmenter = state["segmenter"]
+        self.unstated = state["unstated"]
+        # For the background, if no frame is left.
+        self._last_segmentation = segmenter._result(
+            frame.image, segmenter._previous, None, np.eye(3), self.decision.motion, (), "ok"
+        )
+        # The others know the frame before and no more.
+        self._prev, self._prev_t_s = frame.image, frame.t_s
+        self._dense.update(frame.image)
+        if self._height is not None:
+            self._height.go_on(state["heights"])
+            self._open_velocity()
+            self._velocity.update(frame.image, frame.t_s)
 
     def finish(self, frame: Any, shift: Any, flow: Any) -> Measured:
         """Second step: moving and static, velocity, and the rows of the tables."""

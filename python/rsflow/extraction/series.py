@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,14 @@ class Series:
             column.append(float(value) if isinstance(value, (int, float, np.number)) else float("nan"))
         for name, words in self._words.items():
             words.append(str(row.get(name, "")))
+
+    def append_cells(self, columns: Sequence[str], cells: Sequence[str]) -> None:
+        """Add a row as the table has it, which is all that is left of it for a run that is resumed."""
+        for name, text in zip(columns, cells, strict=True):
+            if name in self._words:
+                self._words[name].append(text)
+            else:
+                self._numbers[name].append(float(text) if text else math.nan)
 
     def __len__(self) -> int:
         return max((len(column) for column in self._numbers.values()), default=0)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import contextlib
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._files import working_name
+from .._video_join import Part, join
+from .._video_sinks import CLOCK
 from .background import BackgroundWorker
-from .tables import partial_name
 
 if TYPE_CHECKING:
+    from ..video import VideoWriter
     from .pipeline import Measured
 
 __all__ = ["Clip", "Views"]
@@ -29,32 +30,92 @@ _POSTER_QUALITY = 88
 
 
 class Clip:
-    """A video under a hidden name until `keep` gives it its own."""
+    """A video that grows in parts, each of which is whole as soon as the next one begins.
 
-    def __init__(self, path: Path, frame_rate: float) -> None:
-        from ..video import VideoWriter, encoder
+    Parameters
+    ----------
+    path : Path
+        The final name.
+    folder : Path
+        Where the parts are.
+    frame_rate : float
+    """
 
-        self.path = path
-        self._working = working_name(path)
+    def __init__(self, path: Path, folder: Path, frame_rate: float) -> None:
+        from ..video import encoder
+
+        self.path, self._folder, self._rate = path, folder, frame_rate
         # Without PyAV browsers would play VP9 alone, which OpenCV writes at one frame a second: MPEG-4 keeps up.
-        codec = None if encoder(path.suffix)[1] == "av" else "mp4v"
-        self._writer = VideoWriter(self._working, frame_rate=frame_rate, codec=codec)
-        self.codec: str = self._writer.codec
+        self.codec, self.library = encoder(path.suffix)
+        if self.library != "av":
+            self.codec, self.library = encoder(path.suffix, codec="mp4v")
+        self.parts: list[Part] = []
+        self._writer: VideoWriter | None = None
+        self._failed = False
+        self._first_s = math.nan
+        self._part_s = math.nan
         self._interval_s = 1.0 / frame_rate
         self._last_s = -math.inf
 
     def write(self, picture: NDArray[np.uint8], t_s: float) -> None:
         """Append a picture at its time; where that is unknown or not later than the last, one interval after that."""
+        from ..video import VideoWriter
+
+        if self._failed:
+            # What was complete before stays all that there is.
+            return
         if not (math.isfinite(t_s) and t_s > self._last_s):
             t_s = self._last_s + self._interval_s if math.isfinite(self._last_s) else 0.0
         self._last_s = t_s
         with self._named():
-            self._writer.write(picture, t_s if self._writer.keeps_times else None)
+            if self._writer is None:
+                name = f"{self.path.stem}-{len(self.parts):05d}{self.path.suffix}"
+                self._writer = VideoWriter(self._folder / name, frame_rate=self._rate, codec=self.codec)
+                self._part_s = t_s
+                self._first_s = t_s if math.isnan(self._first_s) else self._first_s
+            try:
+                self._writer.write(picture, t_s if self.library == "av" else None)
+            except Exception:
+                self._writer, self._failed = None, True
+                raise
 
-    def close(self) -> None:
-        """Complete the video under its hidden name."""
+    def cut(self) -> None:
+        """Complete the part at hand; the next picture begins a new one."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            with self._named():
+                try:
+                    writer.finish()
+                except Exception:
+                    self._failed = True
+                    raise
+            tick = round((self._part_s - self._first_s) * CLOCK)
+            self.parts.append(Part(writer.path, writer.frames, tick))
+
+    def joined(self) -> Path | None:
+        """Give the file that all parts are in, beside them; None where there is no picture."""
+        self.cut()
+        if len(self.parts) < 2:
+            return self.parts[0].path if self.parts else None
+        whole = self._folder / self.path.name
         with self._named():
-            self._writer.finish()
+            join(self.parts, whole, codec=self.codec, library=self.library, frame_rate=self._rate)
+        return whole
+
+    def state(self) -> dict[str, Any]:
+        """Give what `restore` needs, after `cut`."""
+        parts = [(part.path.name, part.frames, part.tick) for part in self.parts]
+        return {"codec": self.codec, "library": self.library, "parts": parts, "times": (self._first_s, self._last_s)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on after the parts of a run that ended early."""
+        if (state["codec"], state["library"]) != (self.codec, self.library):
+            raise ValueError(f"its videos are {state['codec']} by {state['library']}, here {self.codec}")
+        self.parts = [Part(self._folder / Path(name).name, frames, tick) for name, frames, tick in state["parts"]]
+        for part in self.parts:
+            if not part.path.is_file():
+                raise ValueError(f"{part.path.name} is missing")
+        self._first_s, self._last_s = state["times"]
 
     @contextlib.contextmanager
     def _named(self) -> Iterator[None]:
@@ -66,35 +127,33 @@ class Clip:
                 raise
             raise OSError(error.errno, os.strerror(error.errno), str(self.path)) from error
 
-    def keep(self, *, complete: bool) -> Path | None:
-        """Give the video its name; None where it has no picture."""
-        if not self._working.exists():
-            return None
-        final = self.path if complete else partial_name(self.path)
-        self._working.replace(final)
-        return final
-
-    def discard(self) -> None:
-        """Remove what was written."""
-        self._writer.discard()
-        self._working.unlink(missing_ok=True)
+    def discard(self, *, parts: bool = False) -> None:
+        """Leave off; the parts go with their folder, or now."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.discard()
+        for part in self.parts if parts else ():
+            with contextlib.suppress(OSError):
+                part.path.unlink(missing_ok=True)
 
 
 class Views:
     """Draw each frame three times in a thread of its own, and keep the pictures that tell most for the report."""
 
-    def __init__(self, folder: Path, stream: Any, *, style: Any, stride: int, videos: bool) -> None:
+    def __init__(self, folder: Path, place: Path, stream: Any, *, style: Any, stride: int, videos: bool) -> None:
         rate = (stream.frame_rate or _DEFAULT_RATE * stride) / stride
         self.style = style
         self.clips: dict[str, Clip] = {}
         if videos:
             for name in ("flow", "moving", "static"):
-                self.clips[name] = Clip(folder / f"{name}.mp4", float(min(max(rate, 0.1), 1000.0)))
+                self.clips[name] = Clip(folder / f"{name}.mp4", place, float(min(max(rate, 0.1), 1000.0)))
         self.posters: dict[str, NDArray[np.uint8]] = {}
         self.poster_frame: int | None = None
         self._score = -1.0
         self._before: Any = None
-        self._worker: BackgroundWorker[Any] = BackgroundWorker(self._draw, name="rsflow-views")
+        self._worker: BackgroundWorker[Measured | Callable[[], None]] = BackgroundWorker(
+            self._take, name="rsflow-views"
+        )
 
     @property
     def codec(self) -> str | None:
@@ -104,6 +163,34 @@ class Views:
     def add(self, measured: Measured) -> None:
         """Queue one frame; raises what went wrong with an earlier one."""
         self._worker.put(measured)
+
+    def after(self, action: Callable[[], None]) -> None:
+        """Queue what is to be done when all frames so far are drawn."""
+        self._worker.put(action)
+
+    def state(self) -> dict[str, Any]:
+        """Give what `restore` needs; the parts of the videos at hand are completed first."""
+        for clip in self.clips.values():
+            clip.cut()
+        return {
+            "clips": {name: clip.state() for name, clip in self.clips.items()},
+            "posters": dict(self.posters),
+            "poster_frame": self.poster_frame,
+            "score": self._score,
+        }
+
+    def restore(self, state: dict[str, Any], before: Any) -> None:
+        """Go on as after the frame `before`."""
+        for name, clip in self.clips.items():
+            clip.restore(state["clips"][name])
+        self.posters, self.poster_frame, self._score = state["posters"], state["poster_frame"], state["score"]
+        self._before = before
+
+    def _take(self, item: Measured | Callable[[], None]) -> None:
+        if callable(item):
+            item()
+        else:
+            self._draw(item)
 
     def _draw(self, measured: Measured) -> None:
         """Draw what a video or the report needs of one frame; arrows stand on the frame that they start from."""
@@ -147,6 +234,13 @@ class Views:
         """Wait until all is drawn; give the error that ended the drawing, if one did."""
         try:
             self._worker.close()
+        except Exception as error:
+            return error
+        return None
+
+    def close(self) -> Exception | None:
+        """Draw what ends the videos, after `drained`; give the error, if there is one."""
+        try:
             before, self._before = self._before, None
             if before is not None and "flow" in self.clips:
                 # From the last picture nothing goes on: it has no arrows, and the three videos stay equally long.
@@ -172,7 +266,7 @@ class Views:
         return data.tobytes() if done else None
 
     def discard(self) -> None:
-        """Stop drawing and remove videos that have no name yet."""
+        """Stop drawing and leave the videos off."""
         self.drained()
         for clip in self.clips.values():
             with contextlib.suppress(OSError):
