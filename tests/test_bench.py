@@ -84,7 +84,7 @@ def test_no_answer_is_a_dash():
 
 @pytest.mark.parametrize("name", ["threads", "rounds"])
 def test_counts_below_one(name: str):
-    with pytest.raises(rsflow.OptionError, match=f"bench: {name} is 0, expected 1 or more"):
+    with pytest.raises(rsflow.OptionError, match=f"{name}: got 0, expected an integer from 1"):
         bench.measure(**{name: 0})
 
 

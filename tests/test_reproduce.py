@@ -87,14 +87,14 @@ def test_missing_scikit_image_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: real_motion(frames=1), "frames is 1, expected 2 or more"),
+        (lambda: real_motion(frames=1), "frames: got 1, expected an integer from 2"),
         (
             lambda: synthetic_motion({"tiny": np.zeros((70, 90), np.uint8)}, CONDITIONS[0]),
-            r"tiny is uint8 of shape \(70, 90\), expected grey uint8 of at least 81 x 81 pixels",
+            r"pictures\['tiny'\]: got dtype uint8, shape \(70, 90\), expected grey uint8 of at least 81 x 81 pixels",
         ),
         (
             lambda: synthetic_motion({"deep": np.zeros((90, 90), np.uint16)}, CONDITIONS[0]),
-            r"deep is uint16 of shape \(90, 90\)",
+            r"pictures\['deep'\]: got dtype uint16, shape \(90, 90\)",
         ),
     ],
 )
