@@ -1,7 +1,7 @@
 //! `track_points`.
 
 use arbitrary::Arbitrary;
-use lk_core::{Execution, Illumination, PointStatus, TrackOptions, TrackedPoint, track_points};
+use lk_core::{Deformation, Execution, Illumination, Masks, PointStatus, TrackOptions, TrackedPoint, track_points};
 
 use crate::frames::{Frames, Grey, mask};
 use crate::shift::light;
@@ -16,11 +16,13 @@ pub struct Case {
     anywhere: Vec<(f32, f32)>,
     guessed: bool,
     mask: Option<u16>,
+    next_mask: Option<u16>,
     window: (u8, u8),
     levels: Option<u8>,
     max_displacement: Option<f32>,
     iterations: u8,
     illumination: u8,
+    deformation: u8,
     no_check_back: bool,
 }
 
@@ -37,7 +39,13 @@ pub fn check(case: &Case) {
 
 fn check_as<T: Grey>(case: &Case) {
     let (prev, next) = case.frames.pair::<T>();
-    let mask = mask(case.frames.size(), case.mask);
+    let masks = [case.mask, case.next_mask].map(|seed| mask(case.frames.size(), seed));
+    let masks = || {
+        let [prev, next] = &masks;
+        Masks::default()
+            .prev(prev.as_ref().map(|mask| mask.view()))
+            .next(next.as_ref().map(|mask| mask.view()))
+    };
     let near = case.points.iter().map(|(x, y)| {
         [
             f32::from(x % 7168) / 64.0 - 8.0,
@@ -59,6 +67,11 @@ fn check_as<T: Grey>(case: &Case) {
             .max_displacement(case.max_displacement)
             .max_iterations(usize::from(case.iterations % 40))
             .illumination(light(case.illumination))
+            .deformation(match case.deformation % 3 {
+                0 => Deformation::Auto,
+                1 => Deformation::None,
+                _ => Deformation::Affine,
+            })
             .execution(execution);
         if case.no_check_back {
             options = options.max_forward_backward(None);
@@ -67,13 +80,12 @@ fn check_as<T: Grey>(case: &Case) {
     };
     let guesses = case.guessed.then_some(points.as_slice());
     let run = |execution| {
-        let mask = mask.as_ref().map(|mask| mask.view());
         track_points(
             prev.view(),
             next.view(),
             &points,
             guesses,
-            mask,
+            masks(),
             &options(execution),
         )
     };
@@ -87,13 +99,12 @@ fn check_as<T: Grey>(case: &Case) {
         assert_eq!(bits(&run(execution).unwrap()), bits(&tracks));
     }
     let (rows_prev, rows_next) = (prev.rows(), next.rows());
-    let view = mask.as_ref().map(|mask| mask.view());
     let rows = track_points(
         rows_prev.view(),
         rows_next.view(),
         &points,
         guesses,
-        view,
+        masks(),
         &options(plain()),
     );
     assert_eq!(bits(&rows.unwrap()), bits(&tracks));

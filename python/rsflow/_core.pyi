@@ -14,8 +14,8 @@ __all__ = [
     "get_num_threads",
     "point_statuses",
     "set_num_threads",
-    "track_bouguet",
     "track_points",
+    "track_pyr_lk",
 ]
 
 __version__: str
@@ -29,6 +29,7 @@ def track_points(
     points: NDArray[np.float32],
     initial: NDArray[np.float32] | None,
     mask: object,
+    next_mask: object,
     options: dict[str, Any],
 ) -> dict[str, Any]: ...
 def detect_corners(
@@ -39,8 +40,9 @@ def detect_corners(
     min_distance: float,
     block_size: int,
     harris: float | None,
+    mask_corners_only: bool = False,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
-def track_bouguet(
+def track_pyr_lk(
     prev: object,
     next: object,
     points: NDArray[np.float32],

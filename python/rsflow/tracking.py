@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _checks, _core
 from ._checks import knobs
-from ._checks.knobs import Illumination
+from ._checks.knobs import Deformation, Illumination
 from ._shared import Shared, alone, anew
 from ._track_table import TrackTable
 from .errors import OptionError
@@ -49,11 +49,15 @@ class PointStatus(IntEnum):
     FORWARD_BACKWARD = 5
     """Tracked back, the point did not return to where it came from."""
     MASKED = 6
-    """The mask excludes the point."""
+    """A mask excludes the point, or where it went."""
     NOT_FINITE = 7
-    """The point, or a pixel of its window, is NaN or infinite."""
+    """A coordinate of the point is NaN or infinite."""
     NEW = 8
     """Found in this frame by a `PointTracker`: it has a position, but no motion yet."""
+    LOW_SUPPORT = 9
+    """Fewer than an eighth of the window's pixels count in both frames: others are outside, masked, not finite."""
+    AMBIGUOUS = 10
+    """The texture repeats: another displacement, at most half as long again, explains the window as well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +143,9 @@ def track_points(
     illumination: Illumination = "gain_offset",
     initial: ArrayLike | None = None,
     max_forward_backward: float | None = 0.5,
+    deformation: Deformation = "auto",
     mask: NDArray[np.bool_] | None = None,
+    next_mask: NDArray[np.bool_] | None = None,
 ) -> Tracks:
     """Where each point of `prev` is in `next`: pyramidal Lucas-Kanade with the lighting in the least squares.
 
@@ -170,8 +176,12 @@ def track_points(
     max_forward_backward : float or None, optional
         How far from its start, in pixels, a point may come back when it is tracked back from `next` to `prev`.
         None does not track back.
-    mask : ndarray of bool, shape (height, width), optional
-        True where to measure.
+    deformation : {"auto", "none", "affine"}, optional
+        Whether windows may turn, grow and shear: where many points are lost, fit badly or move unlike their neighbours;
+        nowhere; or everywhere.
+    mask, next_mask : ndarray of bool, shape (height, width), optional
+        True where a pixel of `prev`, and of `next`, counts. Windows use the pixels that count and whose targets do; an
+        overlay that is fixed to the sensor is given as both.
 
     Returns
     -------
@@ -216,11 +226,13 @@ def track_points(
         epsilon=epsilon,
         illumination=illumination,
         max_forward_backward=max_forward_backward,
+        deformation=deformation,
     )
     start = None if initial is None else _checks.points("initial", initial)
     before, after = _checks.pair(prev, next)
     where = _checks.mask_or_none("mask", mask, before.shape)
-    found = _core.track_points(before, after, origins, start, where, options)
+    where_next = _checks.mask_or_none("next_mask", next_mask, before.shape)
+    found = _core.track_points(before, after, origins, start, where, where_next, options)
     count = len(origins)
     return Tracks(**found, origins=origins, ids=np.arange(count, dtype=np.int64), ages=np.ones(count, dtype=np.uint32))
 
@@ -247,7 +259,7 @@ def detect_corners(
     min_distance : float, optional
         The least distance between two corners, in pixels.
     mask : ndarray of bool, shape (height, width), optional
-        True where to look.
+        True where a pixel counts: a corner is one, and is made of gradients of such pixels alone.
 
     Returns
     -------
@@ -273,7 +285,7 @@ def detect_corners(
     """
     options = knobs.corners(max_corners, quality, min_distance)
     frame = _checks.frame("frame", frame)
-    return _core.detect_corners(frame, _checks.mask_or_none("mask", mask, frame.shape), *options, 3, None)[0]
+    return _core.detect_corners(frame, _checks.mask_or_none("mask", mask, frame.shape), *options, 3, None, False)[0]
 
 
 class PointTracker(Shared):
@@ -291,6 +303,8 @@ class PointTracker(Shared):
     quality, min_distance : float, optional
         As for `detect_corners`.
     window_size, levels, max_displacement, max_iterations, epsilon, illumination, max_forward_backward : optional
+        As for `track_points`.
+    deformation : {"auto", "none", "affine"}, optional
         As for `track_points`.
     record : bool, optional
         Keep what `to_table` needs: some 100 bytes for each point and frame.
@@ -322,6 +336,7 @@ class PointTracker(Shared):
         epsilon: float = 0.01,
         illumination: Illumination = "gain_offset",
         max_forward_backward: float | None = 0.5,
+        deformation: Deformation = "auto",
         record: bool = False,
     ) -> None:
         options = knobs.tracking(
@@ -332,6 +347,7 @@ class PointTracker(Shared):
             epsilon=epsilon,
             illumination=illumination,
             max_forward_backward=max_forward_backward,
+            deformation=deformation,
         )
         self._options = (options, *knobs.corners(max_corners, quality, min_distance))
         self._tracker = _core.PointTracker(*self._options)
@@ -350,7 +366,7 @@ class PointTracker(Shared):
         t_s : float, optional
             Its time in seconds, for the speeds of `to_table`; NaN where it is not known.
         mask : ndarray of bool, shape (height, width), optional
-            True where to measure in this frame.
+            True where a pixel of this frame counts. Windows use the pixels that count and whose targets do.
 
         Returns
         -------

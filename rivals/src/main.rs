@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use image::GrayImage;
 use kornia_image::{Image, ImageSize};
 use kornia_imgproc::optical_flow_pyr_lk::{PyrLKParams, calc_optical_flow_pyr_lk};
-use lk_core::{Execution, Illumination, TrackOptions, track_points};
+use lk_core::{Execution, Illumination, Masks, TrackOptions, track_points};
 use ndarray::Array2;
 use optical_flow_lk::{
     DEFAULT_FB_THRESHOLD, DEFAULT_MIN_EIGEN_THRESHOLD, TrackParams, TrackResult, TrackStatus,
@@ -102,7 +102,7 @@ fn lk_core(prev: &Array2<u8>, next: &Array2<u8>, options: TrackOptions) -> Track
         .levels(Some(LEVELS))
         .execution(Execution::default().threads(1));
     Box::new(move |points| {
-        let tracks = track_points(prev.view(), next.view(), points, None, None, &options)?;
+        let tracks = track_points(prev.view(), next.view(), points, None, Masks::default(), &options)?;
         Ok(tracks
             .iter()
             .map(|track| track.is_valid().then_some(track.position))

@@ -7,7 +7,7 @@ use std::hint::black_box;
 use criterion::Criterion;
 use lk_core::{
     CornerDetector, CornerOptions, DenseFlow, DenseHints, DenseOptions, Execution, FlowField,
-    Preset, ShiftOptions, TrackOptions, detect_corners, estimate_shift, track_points,
+    Masks, Preset, ShiftOptions, TrackOptions, detect_corners, estimate_shift, track_points,
 };
 use ndarray::Array2;
 
@@ -81,8 +81,15 @@ fn points(criterion: &mut Criterion) {
     });
     criterion.bench_function("track 400 points 640x480", |timer| {
         timer.iter(|| {
-            let tracks =
-                track_points(prev.view(), next.view(), &positions, None, None, &options).unwrap();
+            let tracks = track_points(
+                prev.view(),
+                next.view(),
+                &positions,
+                None,
+                Masks::default(),
+                &options,
+            )
+            .unwrap();
             black_box(tracks.len())
         });
     });

@@ -6,7 +6,7 @@ use std::error::Error;
 use std::path::Path;
 
 use lk_core::{
-    CornerOptions, DenseHints, DenseOptions, ShiftOptions, TrackOptions, dense_flow,
+    CornerOptions, DenseHints, DenseOptions, Masks, ShiftOptions, TrackOptions, dense_flow,
     detect_corners, estimate_shift, track_points,
 };
 use ndarray::Array2;
@@ -33,7 +33,14 @@ fn measure(prev: &Array2<u8>, next: &Array2<u8>) -> Result<(), Box<dyn Error>> {
 
     let corners = detect_corners(prev, None, &CornerOptions::default().max_corners(100))?;
     let points: Vec<[f32; 2]> = corners.iter().map(|corner| corner.position).collect();
-    let tracks = track_points(prev, next, &points, None, None, &TrackOptions::default())?;
+    let tracks = track_points(
+        prev,
+        next,
+        &points,
+        None,
+        Masks::default(),
+        &TrackOptions::default(),
+    )?;
     let tracked = tracks.iter().filter(|track| track.is_valid()).count();
     writeln!(out, "points: {tracked} of {} tracked", points.len())?;
 

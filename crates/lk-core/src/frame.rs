@@ -18,9 +18,15 @@ mod sealed {
 pub trait Pixel: Copy + PartialOrd + Send + Sync + sealed::Sealed + 'static {
     /// The grey level as `f32`; exact for every supported type.
     fn to_f32(self) -> f32;
+
+    /// Bits of a grey level; `None` for floats.
+    #[doc(hidden)]
+    const DEPTH: Option<u32>;
 }
 
 impl Pixel for u8 {
+    const DEPTH: Option<u32> = Some(8);
+
     #[inline(always)]
     fn to_f32(self) -> f32 {
         f32::from(self)
@@ -28,6 +34,8 @@ impl Pixel for u8 {
 }
 
 impl Pixel for u16 {
+    const DEPTH: Option<u32> = Some(16);
+
     #[inline(always)]
     fn to_f32(self) -> f32 {
         f32::from(self)
@@ -35,6 +43,8 @@ impl Pixel for u16 {
 }
 
 impl Pixel for f32 {
+    const DEPTH: Option<u32> = None;
+
     #[inline(always)]
     fn to_f32(self) -> f32 {
         self

@@ -93,6 +93,16 @@ impl Greys {
         range.iter().all(|value| value.is_finite()).then_some(range)
     }
 
+    /// The least and the largest finite grey level.
+    pub(crate) fn extremes(&self) -> Option<[f32; 2]> {
+        self.extremes
+    }
+
+    /// Whether every pixel is finite.
+    pub(crate) fn is_finite(&self) -> bool {
+        self.finite
+    }
+
     /// Whether every pixel is finite, also once it is multiplied by `scale`.
     pub(crate) fn stay_finite(&self, scale: f32) -> bool {
         let extremes = self.extremes.unwrap_or_default();

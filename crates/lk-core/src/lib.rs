@@ -27,6 +27,7 @@ mod scratch;
 mod seeds;
 mod shift;
 mod simd;
+mod support;
 mod track;
 
 pub use corners::{Corner, CornerDetector, CornerOptions, detect_corners};
@@ -43,7 +44,8 @@ pub use pyramid::Pyramid;
 pub use sample::{Spline, bilinear};
 pub use shift::{Roi, Shift, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::Level;
+pub use support::Masks;
 pub use track::{
-    BouguetOptions, BouguetPoint, PointStatus, PointTracker, StreamPoint, TrackOptions,
-    TrackedPoint, TrackerSnapshot, track_bouguet, track_points, track_pyramids,
+    Deformation, PointStatus, PointTracker, PyrLkOptions, PyrLkPoint, StreamPoint, TrackOptions,
+    TrackedPoint, TrackerSnapshot, track_points, track_pyr_lk, track_pyramids,
 };

@@ -3,17 +3,22 @@
 //! Borders are mirrored without repeating the edge, and a level has half the size of the one before, rounded up, as
 //! `cv2.pyrDown` does. Pixel (x, y) of level `k` sits over pixel (2^k x, 2^k y) of level 0.
 
+use ndarray::ArrayView2;
+
 use crate::error::{Error, Result};
 use crate::execution::Execution;
-use crate::frame::{Frame, Pixel, Plane};
+use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::parallel::{even_bands, for_each_band};
 use crate::scratch::with_scratch;
 use crate::simd::{Kernel, Level, dispatch};
+use crate::support::Support;
 
 /// The levels of one frame, the finest first. Memory is kept from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub struct Pyramid {
     levels: Vec<Plane>,
+    /// Which pixels of each level count.
+    support: Vec<Support>,
 }
 
 impl Pyramid {
@@ -30,6 +35,81 @@ impl Pyramid {
         let mut pyramid = Self::default();
         pyramid.rebuild(frame, levels, execution)?;
         Ok(pyramid)
+    }
+
+    /// The same, of the pixels that count: those for which `mask` is true, and that are finite. What is estimated from it
+    /// looks at no other.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Shape`] if the mask is not of the frame's size; those of [`Pyramid::new`].
+    pub fn masked<T: Pixel>(
+        frame: Frame<'_, T>,
+        mask: Option<ArrayView2<'_, bool>>,
+        levels: usize,
+        execution: &Execution,
+    ) -> Result<Self> {
+        let mut pyramid = Self::default();
+        pyramid.rebuild_masked(frame, mask, levels, execution)?;
+        Ok(pyramid)
+    }
+
+    /// Replace the content by that of [`Pyramid::masked`]; keeps the memory.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Pyramid::masked`].
+    pub fn rebuild_masked<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        mask: Option<ArrayView2<'_, bool>>,
+        levels: usize,
+        execution: &Execution,
+    ) -> Result<()> {
+        if let Some(mask) = mask {
+            expect_size("mask", mask.dim(), "the frame", frame.dim())?;
+        }
+        if levels == 0 {
+            return Err(Error::option("levels", 0, "1 or more"));
+        }
+        let (height, width) = frame.dim();
+        self.resize([width, height], levels)?;
+        self.levels[0].copy_scaled(frame, 1.0, execution)?;
+        self.support[0].take(frame, mask, execution)?;
+        self.support[0].fill(&mut self.levels[0]);
+        self.reduce_support()?;
+        self.reduce_again(execution)
+    }
+
+    /// [`Pyramid::rebuild`] of a frame whose pixels are what `bytes` says, see [`Support::take_bytes`].
+    pub(crate) fn rebuild_with<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        bytes: &[u8],
+        levels: usize,
+        execution: &Execution,
+    ) -> Result<()> {
+        self.rebuild(frame, levels, execution)?;
+        let (height, width) = frame.dim();
+        if !bytes.is_empty() {
+            self.support[0].take_bytes((width, height), bytes)?;
+            self.reduce_support()?;
+        }
+        Ok(())
+    }
+
+    /// Which pixels of each level count, the finest first.
+    pub(crate) fn support(&self) -> &[Support] {
+        &self.support
+    }
+
+    /// Make the support of all levels but the finest again, from the finest.
+    fn reduce_support(&mut self) -> Result<()> {
+        for level in 1..self.support.len() {
+            let (finer, coarser) = self.support.split_at_mut(level);
+            coarser[0].reduce(&finer[level - 1])?;
+        }
+        Ok(())
     }
 
     /// Replace the content by the pyramid of `frame`; allocates nothing if the sizes are those of the frame before.
@@ -60,6 +140,8 @@ impl Pyramid {
         let (height, width) = frame.dim();
         self.resize([width, height], levels)?;
         self.levels[0].copy_scaled(frame, scale, execution)?;
+        self.support[0] = Support::whole(width, height);
+        self.reduce_support()?;
         self.reduce_again(execution)
     }
 
@@ -72,6 +154,7 @@ impl Pyramid {
             count += 1;
         }
         self.levels.resize_with(count, Plane::default);
+        self.support.resize_with(count, Support::default);
         self.levels[0].resize(size[0], size[1])
     }
 

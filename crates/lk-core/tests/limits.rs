@@ -2,10 +2,10 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lk_core::{
-    BouguetOptions, CornerOptions, DenseFlow, DenseHints, DenseOptions, Error, Execution,
-    FlowField, MAX_THREADS, Plane, PointTracker, Preset, Pyramid, Recipe, ShiftOptions, Spline,
+    CornerOptions, DenseFlow, DenseHints, DenseOptions, Error, Execution, FlowField, MAX_THREADS,
+    Masks, Plane, PointTracker, Preset, PyrLkOptions, Pyramid, Recipe, ShiftOptions, Spline,
     TrackOptions, bilinear, dense_flow, detect_corners, estimate_shift, set_num_threads,
-    track_bouguet, track_points,
+    track_points, track_pyr_lk,
 };
 use ndarray::{Array2, ArrayView2};
 
@@ -65,14 +65,19 @@ fn frames_that_take_no_memory_are_too_large_all_the_same() {
     let points = [[5.0, 5.0]];
     let options = TrackOptions::default();
     assert!(is_shape(track_points(
-        huge, huge, &points, None, None, &options
-    )));
-    assert!(is_shape(track_bouguet(
         huge,
         huge,
         &points,
         None,
-        &BouguetOptions::default()
+        Masks::default(),
+        &options
+    )));
+    assert!(is_shape(track_pyr_lk(
+        huge,
+        huge,
+        &points,
+        None,
+        &PyrLkOptions::default()
     )));
     assert!(is_shape(detect_corners(
         huge,

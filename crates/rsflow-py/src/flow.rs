@@ -57,7 +57,7 @@ impl DenseFlow {
         region: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Parts<'py>> {
         let (prev, next) = (AnyFrame::new("prev", prev)?, AnyFrame::new("next", next)?);
-        let (initial, region) = (initial_flow(initial)?, mask(region, prev.dim())?);
+        let (initial, region) = (initial_flow(initial)?, mask("mask", region, prev.dim())?);
         let hints = DenseHints {
             initial: initial.as_ref().map(PyReadonlyArray3::as_array),
             mask: region.as_ref().map(PyReadonlyArray2::as_array),
@@ -85,7 +85,7 @@ impl DenseFlow {
         region: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Option<Parts<'py>>> {
         let frame = AnyFrame::new("frame", frame)?;
-        let (initial, region) = (initial_flow(initial)?, mask(region, frame.dim())?);
+        let (initial, region) = (initial_flow(initial)?, mask("mask", region, frame.dim())?);
         let hints = DenseHints {
             initial: initial.as_ref().map(PyReadonlyArray3::as_array),
             mask: region.as_ref().map(PyReadonlyArray2::as_array),

@@ -189,8 +189,9 @@ pub(crate) fn described(value: &Bound<'_, PyAny>) -> String {
     )
 }
 
-/// Borrow a boolean mask of the size `expected` (height, width).
+/// Borrow the boolean mask `name` of the size `expected` (height, width).
 pub(crate) fn mask<'py>(
+    name: &str,
     value: Option<&Bound<'py, PyAny>>,
     expected: (usize, usize),
 ) -> PyResult<Option<PyReadonlyArray2<'py, bool>>> {
@@ -204,7 +205,7 @@ pub(crate) fn mask<'py>(
             raise(
                 "DTypeError",
                 format!(
-                    "mask: got {got}, expected a bool array (height, width), True where to measure"
+                    "{name}: got {got}, expected a bool array (height, width), True where to measure"
                 ),
             )
         })?;
@@ -213,7 +214,7 @@ pub(crate) fn mask<'py>(
         return Err(raise(
             "ShapeError",
             format!(
-                "mask: got shape ({}, {}), expected that of the frames, ({}, {})",
+                "{name}: got shape ({}, {}), expected that of the frames, ({}, {})",
                 found.0, found.1, expected.0, expected.1
             ),
         ));

@@ -28,7 +28,7 @@ pub(crate) fn estimate_shift<'py>(
     let prev = AnyFrame::new("prev", prev)?;
     let next = AnyFrame::new("next", next)?;
     let views = pair(&prev, &next)?;
-    let mask = borrow_mask(mask, prev.dim())?;
+    let mask = borrow_mask("mask", mask, prev.dim())?;
     let mask = mask.as_ref().map(PyReadonlyArray2::as_array);
     let mut options = ShiftOptions::default().illumination(
         illumination

@@ -1,8 +1,8 @@
 //! Points: tracking between two frames, through a sequence, and corners to start from.
 
 use lk_core::{
-    BouguetOptions, CornerOptions, Execution, Illumination, PointStatus, PointTracker,
-    TrackOptions, TrackedPoint, TrackerSnapshot,
+    CornerOptions, Deformation, Execution, Illumination, Masks, PointStatus, PointTracker,
+    PyrLkOptions, TrackOptions, TrackedPoint, TrackerSnapshot,
 };
 use numpy::ndarray::{Ix1, Ix2, Ix3};
 use numpy::{PyReadonlyArray2, PyUntypedArray};
@@ -35,7 +35,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(track_points, module)?)?;
     module.add_function(wrap_pyfunction!(detect_corners, module)?)?;
     module.add_function(wrap_pyfunction!(point_statuses, module)?)?;
-    module.add_function(wrap_pyfunction!(track_bouguet, module)?)?;
+    module.add_function(wrap_pyfunction!(track_pyr_lk, module)?)?;
     module.add_function(wrap_pyfunction!(gaussian_pyramid, module)?)?;
     module.add_class::<PyPointTracker>()
 }
@@ -96,7 +96,12 @@ fn track_options(options: &Bound<'_, PyDict>) -> PyResult<TrackOptions> {
         .extract::<String>()?
         .parse()
         .map_err(|error| to_python(&error))?;
+    let deformation: Deformation = get("deformation")?
+        .extract::<String>()?
+        .parse()
+        .map_err(|error| to_python(&error))?;
     let options = TrackOptions::default()
+        .deformation(deformation)
         .window_size(side(width), side(height))
         .levels(fallback("levels", get("levels")?.extract()?)?)
         .max_displacement(get("max_displacement")?.extract()?)
@@ -159,7 +164,11 @@ fn to_dict<'py>(
 
 /// Where each point of `prev` is in `next`.
 #[pyfunction]
-#[pyo3(signature = (prev, next, points, initial, mask, options))]
+#[pyo3(signature = (prev, next, points, initial, mask, next_mask, options))]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "the arguments of the Python function"
+)]
 fn track_points<'py>(
     py: Python<'py>,
     prev: &Bound<'py, PyAny>,
@@ -167,14 +176,18 @@ fn track_points<'py>(
     points: &Bound<'py, PyAny>,
     initial: Option<&Bound<'py, PyAny>>,
     mask: Option<&Bound<'py, PyAny>>,
+    next_mask: Option<&Bound<'py, PyAny>>,
     options: &Bound<'py, PyDict>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let prev = AnyFrame::new("prev", prev)?;
     let next = AnyFrame::new("next", next)?;
     let views = pair(&prev, &next)?;
     let (height, width) = prev.dim();
-    let mask = self::mask(mask, (height, width))?;
-    let mask = mask.as_ref().map(PyReadonlyArray2::as_array);
+    let mask = self::mask("mask", mask, (height, width))?;
+    let next_mask = self::mask("next_mask", next_mask, (height, width))?;
+    let masks = Masks::default()
+        .prev(mask.as_ref().map(PyReadonlyArray2::as_array))
+        .next(next_mask.as_ref().map(PyReadonlyArray2::as_array));
     let points = points_of("points", points)?;
     let initial = initial
         .map(|initial| points_of("initial", initial))
@@ -188,7 +201,7 @@ fn track_points<'py>(
             next,
             &points,
             initial.as_deref(),
-            mask,
+            masks,
             &options
         ))
     })?;
@@ -203,7 +216,7 @@ fn track_points<'py>(
     reason = "the arguments of OpenCV's function"
 )]
 #[allow(clippy::type_complexity, reason = "three arrays")]
-fn track_bouguet<'py>(
+fn track_pyr_lk<'py>(
     py: Python<'py>,
     prev: &Bound<'py, PyAny>,
     next: &Bound<'py, PyAny>,
@@ -223,7 +236,7 @@ fn track_bouguet<'py>(
     let initial = initial
         .map(|initial| points_of("nextPts", initial))
         .transpose()?;
-    let options = BouguetOptions::default()
+    let options = PyrLkOptions::default()
         .window_size(window.0, window.1)
         .max_level(max_level)
         .criteria(iterations, epsilon)
@@ -237,7 +250,7 @@ fn track_bouguet<'py>(
     );
     let tracks = interrupt::run(py, cost, |execution: &Execution| {
         let options = options.execution(execution.clone());
-        with_pair!(views, |prev, next| lk_core::track_bouguet(
+        with_pair!(views, |prev, next| lk_core::track_pyr_lk(
             prev,
             next,
             &points,
@@ -280,7 +293,7 @@ fn gaussian_pyramid<'py>(
 
 /// Positions (N, 2) and responses (N,) of the corners of a frame, the best first.
 #[pyfunction]
-#[pyo3(signature = (frame, mask, max_corners, quality, min_distance, block_size, harris))]
+#[pyo3(signature = (frame, mask, max_corners, quality, min_distance, block_size, harris, mask_corners_only=false))]
 #[allow(
     clippy::too_many_arguments,
     reason = "the arguments of the Python function"
@@ -294,12 +307,14 @@ fn detect_corners<'py>(
     min_distance: f32,
     block_size: isize,
     harris: Option<f32>,
+    mask_corners_only: bool,
 ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
     let frame = AnyFrame::new("frame", frame)?;
     let (height, width) = frame.dim();
-    let mask = self::mask(mask, (height, width))?;
+    let mask = self::mask("mask", mask, (height, width))?;
     let mask = mask.as_ref().map(PyReadonlyArray2::as_array);
-    let options = corner_options(max_corners, quality, min_distance, block_size, harris)?;
+    let options = corner_options(max_corners, quality, min_distance, block_size, harris)?
+        .mask_corners_only(mask_corners_only);
     let view = frame.view();
     let corners = interrupt::run(py, cost(1, frame.dim(), 0, 0), |execution: &Execution| {
         let options = options.execution(execution.clone());
@@ -345,7 +360,7 @@ impl PyPointTracker {
     ) -> PyResult<Bound<'py, PyDict>> {
         let frame = AnyFrame::new("frame", frame)?;
         let (height, width) = frame.dim();
-        let mask = self::mask(mask, (height, width))?;
+        let mask = self::mask("mask", mask, (height, width))?;
         let mask = mask.as_ref().map(PyReadonlyArray2::as_array);
         let view = frame.view();
         let rows = self.call(py, |tracker| {
@@ -397,6 +412,9 @@ impl PyPointTracker {
             "frame",
             frame.map(|frame| plane_array(py, frame)).transpose()?,
         )?;
+        let support = snapshot.support.iter().copied();
+        let pixels = support.len();
+        state.set_item("support", filled(py, POINTS, Ix1(pixels), support)?)?;
         state.set_item("points", filled(py, POINTS, Ix2(count, 2), points)?)?;
         state.set_item("ids", filled(py, POINTS, Ix1(count), ids)?)?;
         state.set_item("ages", filled(py, POINTS, Ix1(count), ages)?)?;
@@ -415,6 +433,7 @@ impl PyPointTracker {
             frame: frame
                 .map(|frame| array_plane("frame", &frame))
                 .transpose()?,
+            support: elements::<u8, Ix1>(state, "support")?,
             points: gathered(POINTS, pairs)?,
             ids: elements::<u64, Ix1>(state, "ids")?,
             ages: elements::<u32, Ix1>(state, "ages")?,

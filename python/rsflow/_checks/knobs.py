@@ -10,12 +10,19 @@ from .messages import refused
 from .options import FLOAT32_MAX, choice, integer, integers, number, number_or_none, whole
 
 Illumination = Literal["none", "offset", "gain_offset"]
+Deformation = Literal["auto", "none", "affine"]
 Preset = Literal["fast", "balanced", "accurate"]
 
 
 def illumination(value: object) -> Illumination:
     """Take what the light may do."""
     word: Illumination = choice("illumination", value, get_args(Illumination))
+    return word
+
+
+def deformation(value: object) -> Deformation:
+    """Take whether windows may turn, grow and shear."""
+    word: Deformation = choice("deformation", value, get_args(Deformation))
     return word
 
 
@@ -66,6 +73,7 @@ def tracking(
         "max_iterations": integer("max_iterations", max_iterations),
         "epsilon": number("epsilon", epsilon, most=FLOAT32_MAX, of="pixels"),
         "illumination": illumination(shared["illumination"]),
+        "deformation": deformation(shared["deformation"]),
         "max_forward_backward": number_or_none(
             "max_forward_backward", max_forward_backward, most=FLOAT32_MAX, of="pixels"
         ),

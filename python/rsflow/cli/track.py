@@ -56,6 +56,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--window", type=int, default=21, metavar="PX", help="side of the window (default: 21)")
     add_illumination(parser)
     add_max_displacement(parser)
+    parser.add_argument(
+        "--deformation",
+        choices=("auto", "none", "affine"),
+        default="auto",
+        help="whether windows may turn, grow and shear: where points ask for it, nowhere, everywhere (default: auto)",
+    )
     parser.add_argument("--trail", type=int, default=30, metavar="N", help="frames that a trail lasts (default: 30)")
     add_rate(parser)
     add_range(parser)
@@ -86,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
         window_size=args.window,
         illumination=args.illumination,
         max_displacement=args.max_displacement,
+        deformation=args.deformation,
         record=True,
     )
     options = {"start": args.start, "stop": args.stop, "stride": args.stride, "frame_rate": args.rate}

@@ -134,7 +134,7 @@ def calcOpticalFlowPyrLK(
     count = min(max(count, 0), 100) if kind & _COUNT else _DEFAULT_COUNT
     epsilon = min(max(epsilon, 0.0), 10.0) if kind & _EPS else _DEFAULT_EPS
     before, after = _checks.pair(_image(prevImg), _image(nextImg), ("prevImg", "nextImg"))
-    moved, found, error = _core.track_bouguet(
+    moved, found, error = _core.track_pyr_lk(
         before,
         after,
         points,
@@ -289,7 +289,7 @@ def goodFeaturesToTrack(
     k = _checks.number("k", k, least=-most, most=most)
     harris = k if _checks.flag("useHarrisDetector", useHarrisDetector) else None
     count = max(_checks.integer("maxCorners", maxCorners), 0)
-    found, _ = _core.detect_corners(image, where, count, quality, distance, size, harris)
+    found, _ = _core.detect_corners(image, where, count, quality, distance, size, harris, True)
     return found[:, None] if len(found) else None
 
 

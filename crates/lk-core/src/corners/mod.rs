@@ -15,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::parallel::for_each_band;
 use crate::scratch::with_scratch;
+use crate::support::Support;
 use response::TensorRows;
 use select::Selection;
 
@@ -32,11 +33,13 @@ pub struct Corner {
 #[derive(Debug, Default)]
 pub struct CornerDetector {
     plane: Plane,
+    support: Support,
     response: Plane,
     selection: Selection,
 }
 
-/// The corners of `frame`, the best first; `mask` is true where to look.
+/// The corners of `frame`, the best first; `mask` is true where a pixel counts: a corner is one, and is made of gradients
+/// of such pixels alone.
 ///
 /// # Errors
 ///
@@ -66,10 +69,18 @@ impl CornerDetector {
         corners: &mut Vec<Corner>,
     ) -> Result<()> {
         options.validate()?;
+        if let Some(mask) = mask {
+            expect_size("mask", mask.dim(), "the frame", frame.dim())?;
+        }
         let mut plane = std::mem::take(&mut self.plane);
         let copied = plane.copy_from(frame, &options.execution);
-        let result = copied.and_then(|()| self.detect_in(&plane, mask, options, corners));
-        self.plane = plane;
+        let mut support = std::mem::take(&mut self.support);
+        let taken = copied.and_then(|()| support.take_present(frame, mask, &options.execution));
+        let result = taken.and_then(|()| {
+            let support = (!options.mask_corners_only).then_some(&support);
+            self.detect_where(&plane, support, mask, options, corners)
+        });
+        (self.plane, self.support) = (plane, support);
         if result.as_ref().is_err_and(Error::is_memory) {
             *self = Self::default();
         }
@@ -93,6 +104,18 @@ impl CornerDetector {
         options: &CornerOptions,
         corners: &mut Vec<Corner>,
     ) -> Result<()> {
+        self.detect_where(plane, None, mask, options, corners)
+    }
+
+    /// The same with gradients of the pixels of `support` alone.
+    pub(crate) fn detect_where(
+        &mut self,
+        plane: &Plane,
+        support: Option<&Support>,
+        mask: Option<ArrayView2<'_, bool>>,
+        options: &CornerOptions,
+        corners: &mut Vec<Corner>,
+    ) -> Result<()> {
         options.validate()?;
         corners.clear();
         let (width, height) = (plane.width(), plane.height());
@@ -102,13 +125,18 @@ impl CornerDetector {
         if width < 3 || height < 3 {
             return Ok(());
         }
-        self.respond(plane, options)?;
+        self.respond(plane, support, options)?;
         self.selection
             .choose(&self.response, mask, options, corners)
     }
 
     /// Fill the response of every pixel.
-    fn respond(&mut self, plane: &Plane, options: &CornerOptions) -> Result<()> {
+    fn respond(
+        &mut self,
+        plane: &Plane,
+        support: Option<&Support>,
+        options: &CornerOptions,
+    ) -> Result<()> {
         let (width, height) = (plane.width(), plane.height());
         self.response.resize(width, height)?;
         // A row costs some 30 operations a pixel; this many pixels cost well above what a hand-over does.
@@ -120,7 +148,7 @@ impl CornerDetector {
             self.response.rows_mut(),
             |rows, mut part| {
                 with_scratch(TensorRows::room(width, options), |memory| {
-                    let mut tensor = TensorRows::new(width, options, memory);
+                    let mut tensor = TensorRows::new(width, options, support, memory);
                     for (local, y) in rows.enumerate() {
                         tensor.respond(plane, y, part.row_mut(local));
                     }

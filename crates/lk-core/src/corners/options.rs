@@ -21,6 +21,7 @@ pub struct CornerOptions {
     pub(crate) min_distance: f32,
     pub(crate) block_size: usize,
     pub(crate) harris: Option<f32>,
+    pub(crate) mask_corners_only: bool,
     pub(crate) execution: Execution,
 }
 
@@ -32,6 +33,7 @@ impl Default for CornerOptions {
             min_distance: 8.0,
             block_size: 3,
             harris: None,
+            mask_corners_only: false,
             execution: Execution::default(),
         }
     }
@@ -70,6 +72,14 @@ impl CornerOptions {
     #[must_use]
     pub fn harris(mut self, k: Option<f32>) -> Self {
         self.harris = k;
+        self
+    }
+
+    /// A mask says where corners may be, and not which pixels their gradients may look at, as OpenCV has it; false by
+    /// default.
+    #[must_use]
+    pub fn mask_corners_only(mut self, yes: bool) -> Self {
+        self.mask_corners_only = yes;
         self
     }
 

@@ -4,6 +4,7 @@ use super::options::CornerOptions;
 use crate::frame::Plane;
 use crate::pyramid::mirror;
 use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, dispatch, dispatch_eight};
+use crate::support::{ABSENT, Support};
 
 /// The rows of one band: products of gradients of the last few rows, and their sums.
 pub(super) struct TensorRows<'a> {
@@ -18,6 +19,8 @@ pub(super) struct TensorRows<'a> {
     smooth: &'a mut [f32],
     slope: &'a mut [f32],
     sums: &'a mut [f32],
+    /// Which pixels count; `None` for all.
+    support: Option<&'a Support>,
 }
 
 impl<'a> TensorRows<'a> {
@@ -28,7 +31,12 @@ impl<'a> TensorRows<'a> {
     }
 
     /// Rows in `memory` of that size.
-    pub(super) fn new(width: usize, options: &CornerOptions, memory: &'a mut [f32]) -> Self {
+    pub(super) fn new(
+        width: usize,
+        options: &CornerOptions,
+        support: Option<&'a Support>,
+        memory: &'a mut [f32],
+    ) -> Self {
         let padded = Self::padded(width, options.block_size);
         let (products, rest) = memory.split_at_mut(3 * padded * options.block_size);
         let (smooth, rest) = rest.split_at_mut(Self::line(width));
@@ -43,6 +51,7 @@ impl<'a> TensorRows<'a> {
             smooth,
             slope,
             sums,
+            support: support.filter(|support| support.has_absent()),
         }
     }
 
@@ -87,6 +96,13 @@ impl<'a> TensorRows<'a> {
                 row,
             },
         );
+        if let Some(support) = self.support {
+            for (value, byte) in row.iter_mut().zip(support.row(y)) {
+                if *byte == ABSENT {
+                    *value = 0.0;
+                }
+            }
+        }
     }
 
     fn add_row(&mut self, plane: &Plane, y: isize) {
@@ -119,6 +135,18 @@ impl<'a> TensorRows<'a> {
                 target,
             },
         );
+        if let Some(support) = self.support {
+            // A gradient counts where all pixels do that it is made of.
+            let rows = [y - 1, y, y + 1].map(|row| support.row(mirror(row, height)));
+            for x in 0..width {
+                let near = x.saturating_sub(1)..(x + 2).min(width);
+                if rows.iter().any(|row| row[near.clone()].contains(&ABSENT)) {
+                    for line in target.chunks_exact_mut(padded) {
+                        line[left + x] = 0.0;
+                    }
+                }
+            }
+        }
         for line in target.chunks_exact_mut(padded) {
             for beyond in 0..left {
                 line[beyond] = line[left + mirror(beyond as isize - left as isize, width)];

@@ -72,6 +72,9 @@ pub(crate) trait Eight:
     /// The square roots.
     fn sqrt(self) -> Self;
 
+    /// The larger of both; that of `other` where either is NaN.
+    fn larger(self, other: Self) -> Self;
+
     /// Which lanes are not less than those of `other`, one bit each; none where either is NaN.
     fn at_least(self, other: Self) -> u8;
 
@@ -252,6 +255,11 @@ impl Eight for Plain {
     }
 
     #[inline(always)]
+    fn larger(self, other: Self) -> Self {
+        self.zip(other, |a, b| if a > b { a } else { b })
+    }
+
+    #[inline(always)]
     fn at_least(self, other: Self) -> u8 {
         let mut bits = 0;
         for (lane, (a, b)) in self.0.into_iter().zip(other.0).enumerate() {
@@ -267,11 +275,12 @@ pub(crate) mod x86 {
 
     use std::arch::x86_64::{
         __m128, __m256, _CMP_GE_OQ, _mm_add_ps, _mm_add_ss, _mm_and_ps, _mm_cmpge_ps,
-        _mm_cvtss_f32, _mm_load_ps, _mm_loadu_ps, _mm_movehl_ps, _mm_movemask_ps, _mm_mul_ps,
-        _mm_set1_ps, _mm_shuffle_ps, _mm_sqrt_ps, _mm_store_ps, _mm_storeu_ps, _mm_sub_ps,
-        _mm256_add_ps, _mm256_and_ps, _mm256_castps256_ps128, _mm256_cmp_ps, _mm256_extractf128_ps,
-        _mm256_load_ps, _mm256_loadu_ps, _mm256_movemask_ps, _mm256_mul_ps, _mm256_set1_ps,
-        _mm256_sqrt_ps, _mm256_store_ps, _mm256_storeu_ps, _mm256_sub_ps,
+        _mm_cvtss_f32, _mm_load_ps, _mm_loadu_ps, _mm_max_ps, _mm_movehl_ps, _mm_movemask_ps,
+        _mm_mul_ps, _mm_set1_ps, _mm_shuffle_ps, _mm_sqrt_ps, _mm_store_ps, _mm_storeu_ps,
+        _mm_sub_ps, _mm256_add_ps, _mm256_and_ps, _mm256_castps256_ps128, _mm256_cmp_ps,
+        _mm256_extractf128_ps, _mm256_load_ps, _mm256_loadu_ps, _mm256_max_ps, _mm256_movemask_ps,
+        _mm256_mul_ps, _mm256_set1_ps, _mm256_sqrt_ps, _mm256_store_ps, _mm256_storeu_ps,
+        _mm256_sub_ps,
     };
 
     use super::{Add, AddAssign, EIGHT, Eight, Mul, Packed, Sub};
@@ -376,6 +385,12 @@ pub(crate) mod x86 {
         }
 
         #[inline(always)]
+        fn larger(self, other: Self) -> Self {
+            // SAFETY: every x86-64 CPU has SSE.
+            unsafe { Self(_mm_max_ps(self.0, other.0), _mm_max_ps(self.1, other.1)) }
+        }
+
+        #[inline(always)]
         fn sum(self) -> f64 {
             // SAFETY: every x86-64 CPU has SSE.
             f64::from(sum_of_four(unsafe { _mm_add_ps(self.0, self.1) }))
@@ -468,6 +483,12 @@ pub(crate) mod x86 {
         fn sqrt(self) -> Self {
             // SAFETY: this CPU has AVX, see the type.
             Self(unsafe { _mm256_sqrt_ps(self.0) })
+        }
+
+        #[inline(always)]
+        fn larger(self, other: Self) -> Self {
+            // SAFETY: this CPU has AVX, see the type.
+            Self(unsafe { _mm256_max_ps(self.0, other.0) })
         }
 
         #[inline(always)]

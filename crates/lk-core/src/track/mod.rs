@@ -6,32 +6,28 @@
 //! parametric models of geometry and illumination", PAMI 1998.
 
 mod affine;
-mod bouguet;
-mod deform;
-mod doubt;
-mod grid;
-mod judge;
+mod consensus;
+mod neighbours;
 mod noise;
 mod normal;
+mod opencv_compat;
 mod options;
 mod patch;
+mod repetition;
 mod retry;
-mod search;
 mod snapshot;
 mod solve;
-mod spread;
 mod stream;
 #[cfg(test)]
 mod tests;
-mod warp;
-mod witness;
+mod verify;
 
 use std::cell::Cell;
 
 use ndarray::ArrayView2;
 
-pub use bouguet::{BouguetOptions, BouguetPoint, track_bouguet};
-pub use options::{PointStatus, TrackOptions, TrackedPoint};
+pub use opencv_compat::{PyrLkOptions, PyrLkPoint, track_pyr_lk};
+pub use options::{Deformation, PointStatus, TrackOptions, TrackedPoint};
 pub use snapshot::TrackerSnapshot;
 pub use stream::{PointTracker, StreamPoint};
 
@@ -40,9 +36,11 @@ use crate::frame::{Frame, Pixel, expect_size};
 use crate::memory::resize;
 use crate::parallel::{RowsMut, both, for_each_band, within_pool};
 use crate::pyramid::Pyramid;
+use crate::support::Masks;
+use consensus::reject_isolated;
+use repetition::reject_ambiguous;
 use retry::Memory;
 use solve::{Problem, Workspace};
-use witness::drop_the_lonely;
 
 /// What memory for points holds.
 const POINTS: &str = "points";
@@ -52,26 +50,28 @@ const MIN_POINTS: usize = 16;
 
 /// Where each of `points`, (x, y) in `prev`, is in `next`.
 ///
-/// `initial` holds a first guess of each position in `next`; `mask` is true where to measure.
+/// `initial` holds a first guess of each position in `next`. A pixel is used where it and its target count: inside of the
+/// frame, kept by its mask, finite, and not clipped.
 ///
 /// # Errors
 ///
-/// [`Error::Shape`] if the frames, `initial` or `mask` do not fit together; those of [`TrackOptions::validate`] and
+/// [`Error::Shape`] if the frames, `initial` or `masks` do not fit together; those of [`TrackOptions::validate`] and
 /// of the execution.
 pub fn track_points<T: Pixel>(
     prev: Frame<'_, T>,
     next: Frame<'_, T>,
     points: &[[f32; 2]],
     initial: Option<&[[f32; 2]]>,
-    mask: Option<ArrayView2<'_, bool>>,
+    masks: Masks<'_>,
     options: &TrackOptions,
 ) -> Result<Vec<TrackedPoint>> {
     options.validate()?;
     let (height, width) = prev.dim();
     expect_size("next", next.dim(), "prev", prev.dim())?;
+    masks.expect_size(prev.dim())?;
     let mut kept = KEPT.take();
     let mut tracks = Vec::new();
-    let guesses = Guesses { initial, mask };
+    let guesses = Guesses { initial, masks };
     let (levels, memory) = (options.levels_for(width, height), &mut kept);
     within_pool(&options.execution, || {
         let Kept {
@@ -81,8 +81,8 @@ pub fn track_points<T: Pixel>(
         } = memory;
         let (first, second) = both(
             &options.execution,
-            || before.rebuild(prev, levels, &options.execution),
-            || after.rebuild(next, levels, &options.execution),
+            || before.rebuild_masked(prev, masks.of_prev(), levels, &options.execution),
+            || after.rebuild_masked(next, masks.of_next(), levels, &options.execution),
         )?;
         first.and(second)?;
         track_keeping(before, after, points, guesses, options, memory, &mut tracks)
@@ -109,7 +109,8 @@ thread_local! {
     static KEPT: Cell<Kept> = Cell::default();
 }
 
-/// The same on pyramids, which a sequence builds once a frame; `tracks` is replaced.
+/// The same on pyramids, which a sequence builds once a frame; `tracks` is replaced. Which pixels count is what
+/// [`Pyramid::masked`] found.
 ///
 /// # Errors
 ///
@@ -119,11 +120,11 @@ pub fn track_pyramids(
     next: &Pyramid,
     points: &[[f32; 2]],
     initial: Option<&[[f32; 2]]>,
-    mask: Option<ArrayView2<'_, bool>>,
     options: &TrackOptions,
     tracks: &mut Vec<TrackedPoint>,
 ) -> Result<()> {
-    let guesses = Guesses { initial, mask };
+    let masks = Masks::default();
+    let guesses = Guesses { initial, masks };
     track_keeping(
         prev,
         next,
@@ -137,9 +138,10 @@ pub fn track_pyramids(
 
 /// What a caller may know of the points beforehand.
 #[derive(Debug, Clone, Copy)]
-struct Guesses<'a> {
+struct Guesses<'a, 'm> {
     initial: Option<&'a [[f32; 2]]>,
-    mask: Option<ArrayView2<'a, bool>>,
+    /// Where points may be, and go to.
+    masks: Masks<'m>,
 }
 
 /// [`track_pyramids`] with memory that is kept.
@@ -147,12 +149,13 @@ fn track_keeping(
     prev: &Pyramid,
     next: &Pyramid,
     points: &[[f32; 2]],
-    Guesses { initial, mask }: Guesses<'_>,
+    Guesses { initial, masks }: Guesses<'_, '_>,
     options: &TrackOptions,
     memory: &mut Memory,
     tracks: &mut Vec<TrackedPoint>,
 ) -> Result<()> {
     options.validate()?;
+    let (prev_support, next_support) = (prev.support(), next.support());
     let (prev, next) = (prev.levels(), next.levels());
     let size = |levels: &[crate::frame::Plane]| {
         levels
@@ -170,9 +173,7 @@ fn track_keeping(
             format!("one for each of the {} points", points.len()),
         ));
     }
-    if let Some(mask) = mask {
-        expect_size("mask", mask.dim(), "the frames", (height, width))?;
-    }
+    masks.expect_size((height, width))?;
     tracks.clear();
     let lost = TrackedPoint::lost(PointStatus::OutOfFrame);
     resize(POINTS, tracks, points.len(), lost)?;
@@ -182,6 +183,9 @@ fn track_keeping(
     let problem = Problem {
         prev,
         next,
+        prev_support,
+        next_support,
+        masked: masks.of_next().is_some(),
         options,
         level: options.execution.simd_level(),
     };
@@ -194,7 +198,7 @@ fn track_keeping(
             Workspace::with(|workspace| {
                 for (track, index) in part.data.iter_mut().zip(range) {
                     let point = points[index];
-                    if mask.is_some_and(|mask| masked(mask, point)) {
+                    if masks.of_prev().is_some_and(|mask| masked(mask, point)) {
                         *track = TrackedPoint::lost(PointStatus::Masked);
                         continue;
                     }
@@ -208,7 +212,15 @@ fn track_keeping(
     )?;
     memory.retry(&problem, points, tracks)?;
     memory.deformed.find(&problem, points, tracks)?;
-    drop_the_lonely(&problem, points, tracks, &mut memory.grid)
+    if let Some(mask) = masks.of_next() {
+        for track in tracks.iter_mut() {
+            if track.is_valid() && masked(mask, track.position) {
+                *track = TrackedPoint::lost(PointStatus::Masked);
+            }
+        }
+    }
+    reject_ambiguous(&problem, points, tracks, &mut memory.repeats)?;
+    reject_isolated(&problem, points, tracks, &mut memory.grid)
 }
 
 /// Whether the pixel that `point` is in is excluded.

@@ -66,7 +66,12 @@ fn mean_overlaps() -> [f64; 3] {
 
 /// The variance of a displacement is `left`, the variance of what is left in the window, times this times the inverse of
 /// the summed structure tensor. `own` is the part of it that is the noise of `prev`.
-pub(super) fn spread(gradients: &Gradients, window: Window, samples: &Samples, own: f64) -> f64 {
+pub(super) fn noise_gain(
+    gradients: &Gradients,
+    window: Window,
+    samples: &Samples,
+    own: f64,
+) -> f64 {
     // Of so many pixels in a row, this share has a neighbour so far away within the window.
     let share = |pixels: usize, lag: usize| pixels.saturating_sub(lag) as f64 / pixels as f64;
     let sides = [
@@ -140,7 +145,7 @@ mod tests {
             let passed = (2.0 + frequency.cos()) / 3.0;
             // The noise's power there over its variance, 1/2 along each axis; the gradients are its differences.
             let want = (passed * passed / 0.5) / 0.5 * (passed * passed);
-            let spread = spread(&gradients, window, &samples, 0.0);
+            let spread = noise_gain(&gradients, window, &samples, 0.0);
             let ratio = spread / want;
             assert!(
                 (0.95..1.05).contains(&ratio),

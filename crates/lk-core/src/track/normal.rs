@@ -100,6 +100,8 @@ pub(super) fn unit_noise(variance: f64) -> f64 {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Normal {
     light: Light,
+    /// What was asked for: a window without contrast has no gain.
+    model: Light,
     area: f64,
     /// One over the area, and over the moments.
     share: f64,
@@ -128,7 +130,7 @@ impl Normal {
     /// `None` if the window's texture does not fix a displacement at all, or holds a NaN.
     pub(crate) fn new(template: &Template, light: Light) -> Option<Self> {
         let Light { gain, offset, tilt } = light;
-        let area = template.window.area();
+        let area = template.area();
         let (share, sums) = (1.0 / area, &template.sums);
         let mean = sums.plain.map(|sum| sum * share);
         let mut products = sums.products;
@@ -140,7 +142,7 @@ impl Normal {
         }
         let (mut shares, mut slopes) = ([0.0; 2], [[0.0; 3]; 2]);
         if tilt {
-            shares = template.window.moments().map(|moment| 1.0 / moment);
+            shares = template.moments().map(|moment| 1.0 / moment);
             slopes = [
                 sums.with_x.map(|sum| sum * shares[0]),
                 sums.with_y.map(|sum| sum * shares[1]),
@@ -176,6 +178,7 @@ impl Normal {
         let scale = 1.0 / determinant;
         Some(Self {
             light: Light { gain, ..light },
+            model: light,
             area,
             share,
             shares,
@@ -186,6 +189,11 @@ impl Normal {
             contrast: (sums.products[0] - sums.plain[0] * mean[0]).max(0.0),
             inverse: [yy * scale, -xy * scale, xx * scale],
         })
+    }
+
+    /// What may change in the light.
+    pub(crate) fn model(&self) -> Light {
+        self.model
     }
 
     /// The products of `sums` without what the offset and its slopes explain.

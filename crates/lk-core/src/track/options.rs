@@ -29,6 +29,7 @@ pub struct TrackOptions {
     pub(crate) epsilon: f32,
     pub(crate) illumination: Illumination,
     pub(crate) max_forward_backward: Option<f32>,
+    pub(crate) deformation: Deformation,
     pub(crate) execution: Execution,
 }
 
@@ -45,6 +46,7 @@ impl Default for TrackOptions {
             epsilon: 0.01,
             illumination: Illumination::default(),
             max_forward_backward: Some(0.5),
+            deformation: Deformation::default(),
             execution: Execution::default(),
         }
     }
@@ -110,6 +112,13 @@ impl TrackOptions {
     #[must_use]
     pub fn max_forward_backward(mut self, pixels: Option<f32>) -> Self {
         self.max_forward_backward = pixels;
+        self
+    }
+
+    /// Whether windows may turn, grow and shear; [`Deformation::Auto`] by default.
+    #[must_use]
+    pub fn deformation(mut self, deformation: Deformation) -> Self {
+        self.deformation = deformation;
         self
     }
 
@@ -200,6 +209,36 @@ impl TrackOptions {
 /// Levels where nobody says how far things move: with a window of 21 pixels they take in some 80 pixels.
 const DEFAULT_LEVELS: usize = 4;
 
+/// Whether windows may turn, grow and shear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
+pub enum Deformation {
+    /// Where many points are lost, fit badly, or move unlike their neighbours.
+    #[default]
+    Auto,
+    /// Nowhere: windows move as a whole.
+    None,
+    /// Everywhere: each point has the affine motion of its window.
+    Affine,
+}
+
+impl std::str::FromStr for Deformation {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self> {
+        match name {
+            "auto" => Ok(Self::Auto),
+            "none" => Ok(Self::None),
+            "affine" => Ok(Self::Affine),
+            _ => Err(Error::option(
+                "deformation",
+                format!("'{name}'"),
+                "'auto', 'none' or 'affine'",
+            )),
+        }
+    }
+}
+
 /// Whether a point was tracked, or else the first reason why not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
@@ -218,17 +257,21 @@ pub enum PointStatus {
     HighResidual = 4,
     /// Tracked back, the point did not return to where it came from.
     ForwardBackward = 5,
-    /// The mask excludes the point.
+    /// A mask excludes the point, or where it went.
     Masked = 6,
-    /// The point, or a pixel of its window, is NaN or infinite.
+    /// A coordinate of the point is NaN or infinite.
     NotFinite = 7,
     /// Found in this frame by a [`crate::PointTracker`]: it has a position, but no motion yet.
     New = 8,
+    /// Fewer than an eighth of the window's pixels count in both frames: the others are outside, masked, or not finite.
+    LowSupport = 9,
+    /// The texture repeats: another displacement, at most half as long again, explains the window as well.
+    Ambiguous = 10,
 }
 
 impl PointStatus {
     /// Every status, in the order of its values.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::Tracked,
         Self::OutOfFrame,
         Self::LowTexture,
@@ -238,6 +281,8 @@ impl PointStatus {
         Self::Masked,
         Self::NotFinite,
         Self::New,
+        Self::LowSupport,
+        Self::Ambiguous,
     ];
 
     /// The name used in Python and in tables.
@@ -253,6 +298,8 @@ impl PointStatus {
             Self::Masked => "masked",
             Self::NotFinite => "not_finite",
             Self::New => "new",
+            Self::LowSupport => "low_support",
+            Self::Ambiguous => "ambiguous",
         }
     }
 }

@@ -9,10 +9,10 @@ use crate::memory::{replace, reserve, resize};
 use crate::parallel::{RowsMut, for_each_band};
 use crate::seeds::Seeds;
 use crate::track::POINTS;
-use crate::track::grid::{Grid, NEIGHBOURS};
+use crate::track::affine::Deformed;
+use crate::track::neighbours::{Grid, NEIGHBOURS};
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::solve::{Problem, Workspace};
-use crate::track::spread::Deformed;
 
 /// Rounds in which found points help their neighbours: each carries a motion on by a few points.
 const ROUNDS: usize = 8;
@@ -38,12 +38,14 @@ pub(crate) struct Memory {
     waiting: Vec<u32>,
     results: Vec<TrackedPoint>,
     pub(super) grid: Grid,
+    /// Which points are ambiguous.
+    pub(super) repeats: Vec<bool>,
     seeds: Seeds,
     pub(super) deformed: Deformed,
 }
 
 /// Whether another start could help.
-pub(super) fn is_hopeful(status: PointStatus) -> bool {
+pub(super) fn is_retryable(status: PointStatus) -> bool {
     matches!(
         status,
         PointStatus::OutOfFrame
@@ -59,6 +61,7 @@ impl Memory {
         reserve(POINTS, &mut self.pending, points)?;
         reserve(POINTS, &mut self.waiting, points)?;
         reserve(POINTS, &mut self.results, points)?;
+        reserve(POINTS, &mut self.repeats, points)?;
         self.grid.reserve(points)?;
         self.deformed.reserve(points)
     }
@@ -75,7 +78,7 @@ impl Memory {
         let mut found = 0usize;
         for (index, (track, point)) in tracks.iter().zip(points).enumerate() {
             found += usize::from(track.is_valid());
-            if is_hopeful(track.status) && problem.holds(*point) {
+            if is_retryable(track.status) && problem.holds(*point) {
                 self.pending.push(index as u32);
             }
         }

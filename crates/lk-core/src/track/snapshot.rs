@@ -13,6 +13,8 @@ use crate::track::{POINTS, PointTracker};
 pub struct TrackerSnapshot {
     /// The frame before; `None` before the first one.
     pub frame: Option<Plane>,
+    /// What each of its pixels is: 0 if it does not count, 1 if it is clipped, 2 if it counts; empty where all do.
+    pub support: Vec<u8>,
     /// Its points.
     pub points: Vec<[f32; 2]>,
     /// The id of each.
@@ -37,6 +39,15 @@ impl TrackerSnapshot {
         if let Some(id) = self.ids.iter().find(|id| **id >= self.next_id) {
             let expected = format!("less than the next one, {}", self.next_id);
             return Err(Error::option("ids", id, expected));
+        }
+        let pixels = self.frame.as_ref().map_or(0, |frame| frame.data().len());
+        if !self.support.is_empty() && self.support.len() != pixels {
+            let expected = format!("none, or one for each of the {pixels} pixels");
+            return Err(Error::shape(
+                "support",
+                self.support.len().to_string(),
+                expected,
+            ));
         }
         if self.frame.is_none() && count > 0 {
             return Err(Error::shape(
@@ -73,12 +84,17 @@ impl PointTracker {
         if let Some(finest) = self.prev.levels().first().filter(|_| self.size.is_some()) {
             frame.insert(Plane::default()).copy_of(finest)?;
         }
+        let mut support = Vec::new();
+        if let Some(finest) = self.prev.support().first().filter(|_| frame.is_some()) {
+            replace(POINTS, &mut support, finest.bytes().iter().copied())?;
+        }
         let (mut points, mut ids, mut ages) = (Vec::new(), Vec::new(), Vec::new());
         replace(POINTS, &mut points, self.points.iter().copied())?;
         replace(POINTS, &mut ids, self.alive.iter().map(|alive| alive.id))?;
         replace(POINTS, &mut ages, self.alive.iter().map(|alive| alive.age))?;
         Ok(TrackerSnapshot {
             frame,
+            support,
             points,
             ids,
             ages,
@@ -109,7 +125,8 @@ impl PointTracker {
         let view = ArrayView2::from_shape(size, frame.data())
             .map_err(|error| Error::shape("frame", error.to_string(), "a whole plane"))?;
         let levels = self.options.levels_for(size.1, size.0);
-        self.prev.rebuild(view, levels, &self.options.execution)?;
+        self.prev
+            .rebuild_with(view, &snapshot.support, levels, &self.options.execution)?;
         self.points.extend(&snapshot.points);
         let alive = snapshot.ids.iter().zip(&snapshot.ages);
         self.alive

@@ -4,10 +4,11 @@ use std::cell::Cell;
 
 use crate::frame::Plane;
 use crate::simd::{Level, dispatch_eight};
+use crate::support::Support;
 use crate::track::normal::{Light, Normal, Step};
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
 use crate::track::patch::{
-    BorderScratch, BuildTemplate, Compare, Sampling, Sums, Template, Window,
+    BorderScratch, BuildTemplate, Compare, Place, Sampling, SumAgain, Sums, Template, Window,
 };
 
 /// Length of a step, in pixels of the level, that is enough on a coarse level: the next level refines anyway.
@@ -58,15 +59,22 @@ impl Workspace {
 pub(crate) struct Problem<'a> {
     pub(crate) prev: &'a [Plane],
     pub(crate) next: &'a [Plane],
+    /// Which pixels of each level count.
+    pub(crate) prev_support: &'a [Support],
+    pub(crate) next_support: &'a [Support],
+    /// Whether a mask says which pixels of `next` count.
+    pub(crate) masked: bool,
     pub(crate) options: &'a TrackOptions,
     pub(crate) level: Level,
 }
 
 /// Pyramids in the order of the search.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Way<'a> {
+pub(super) struct Direction<'a> {
     pub(super) from: &'a [Plane],
     pub(super) to: &'a [Plane],
+    pub(super) from_support: &'a [Support],
+    pub(super) to_support: &'a [Support],
 }
 
 /// A way down the coarse levels.
@@ -81,7 +89,7 @@ pub(super) struct Descent {
 
 /// The last step on the finest level.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Rest {
+pub(super) struct FinalStep {
     /// The displacement before the step.
     pub(super) before: [f64; 2],
     /// The window's first sample in `next` there, and what was summed.
@@ -90,7 +98,7 @@ pub(super) struct Rest {
     pub(super) normal: Normal,
 }
 
-impl Rest {
+impl FinalStep {
     /// The displacement after `step`.
     pub(super) fn after(&self, step: &Step) -> [f64; 2] {
         [self.before[0] + step.by[0], self.before[1] + step.by[1]]
@@ -164,17 +172,34 @@ impl Problem<'_> {
         }
     }
 
-    pub(super) fn forward(&self) -> Way<'_> {
-        Way {
+    /// Where the finest level leads from the displacement `guess`, what is left there, and the window's own variance.
+    pub(super) fn explains(
+        &self,
+        point: [f32; 2],
+        guess: [f64; 2],
+        workspace: &mut Workspace,
+    ) -> Option<([f64; 2], f64, f64)> {
+        let tolerance = 10.0 * self.tolerance();
+        let last = self.fine(self.forward(), point, guess, tolerance, workspace);
+        let fit = self.settle(&last.ok()?, &workspace.template);
+        Some((fit.displacement, fit.variance, fit.signal))
+    }
+
+    pub(super) fn forward(&self) -> Direction<'_> {
+        Direction {
             from: self.prev,
             to: self.next,
+            from_support: self.prev_support,
+            to_support: self.next_support,
         }
     }
 
-    pub(super) fn backward(&self) -> Way<'_> {
-        Way {
+    pub(super) fn backward(&self) -> Direction<'_> {
+        Direction {
             from: self.next,
             to: self.prev,
+            from_support: self.next_support,
+            to_support: self.prev_support,
         }
     }
 
@@ -187,7 +212,7 @@ impl Problem<'_> {
     /// that it leaves unexplained on the last of them.
     fn descend<const RANK: bool>(
         &self,
-        way: Way<'_>,
+        way: Direction<'_>,
         point: [f32; 2],
         guess: [f64; 2],
         top: usize,
@@ -203,9 +228,7 @@ impl Problem<'_> {
             let guess = displacement.map(|component| component * scale);
             let centre = point.map(|coordinate| coordinate * scale as f32);
             unexplained = f64::INFINITY;
-            if let Some((found, left)) =
-                self.coarse::<RANK>(&way.from[level], &way.to[level], centre, guess, workspace)
-            {
+            if let Some((found, left)) = self.coarse::<RANK>(way, level, centre, guess, workspace) {
                 displacement = found.map(|component| component / scale);
                 unexplained = left;
             }
@@ -220,22 +243,40 @@ impl Problem<'_> {
     /// A rough displacement on a coarse level, if the window has one to offer, and what it leaves unexplained.
     fn coarse<const RANK: bool>(
         &self,
-        from: &Plane,
-        to: &Plane,
+        way: Direction<'_>,
+        level: usize,
         centre: [f32; 2],
         guess: [f64; 2],
         workspace: &mut Workspace,
     ) -> Option<([f64; 2], f64)> {
         let window = coarse_window(self.options.window);
         let light = Light::of(self.options.illumination);
-        let centre = self.build(from, centre, window, Sampling::Linear, light, workspace);
-        let normal = Normal::new(&workspace.template, light)?;
+        let centre = self.build(
+            way,
+            level,
+            centre,
+            window,
+            Sampling::Linear,
+            light,
+            workspace,
+        );
+        let mut normal = Normal::new(&workspace.template, light)?;
         let reach = f64::from(window.half()[0].max(window.half()[1])) + 1.0;
         let mut displacement = guess;
         let mut last = f64::INFINITY;
         let iterations = COARSE_ITERATIONS.min(self.options.max_iterations);
         for iteration in 1..=iterations {
-            let sums = self.compare(to, centre, displacement, RANK, workspace)?;
+            let sums = self
+                .compare(
+                    way,
+                    level,
+                    centre,
+                    displacement,
+                    RANK,
+                    &mut normal,
+                    workspace,
+                )
+                .ok()?;
             let step = normal.step(&sums);
             let size = length(step.by);
             displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
@@ -275,14 +316,15 @@ impl Problem<'_> {
         let mut displacement = self
             .descend::<false>(way, position, start, top, workspace)
             .displacement;
-        let (from, to) = (&way.from[0], &way.to[0]);
         let window = self.options.window.with_rim();
         let light = Light::of(self.options.illumination).with_tilt();
-        let centre = self.build(from, position, window, Sampling::Linear, light, workspace);
-        let normal = Normal::new(&workspace.template, light)?;
+        let centre = self.build(way, 0, position, window, Sampling::Linear, light, workspace);
+        let mut normal = Normal::new(&workspace.template, light)?;
         let mut last = f64::INFINITY;
         for _ in 0..self.options.max_iterations {
-            let sums = self.compare(to, centre, displacement, false, workspace)?;
+            let sums = self
+                .compare(way, 0, centre, displacement, false, &mut normal, workspace)
+                .ok()?;
             let step = normal.step(&sums);
             let size = length(step.by);
             displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
@@ -300,27 +342,24 @@ impl Problem<'_> {
     /// The displacement on the finest level, to `tolerance` pixels.
     fn fine(
         &self,
-        way: Way<'_>,
+        way: Direction<'_>,
         centre: [f32; 2],
         guess: [f64; 2],
         tolerance: f64,
         workspace: &mut Workspace,
-    ) -> Result<Rest, PointStatus> {
-        let (from, to) = (&way.from[0], &way.to[0]);
+    ) -> Result<FinalStep, PointStatus> {
         let window = self.options.window.with_rim();
         let light = Light::of(self.options.illumination).with_tilt();
-        self.build(from, centre, window, Sampling::Spline, light, workspace);
+        self.build(way, 0, centre, window, Sampling::Spline, light, workspace);
         let template = &workspace.template;
         if !template.sums.products.iter().all(|sum| sum.is_finite()) {
             return Err(PointStatus::NotFinite);
         }
-        let normal = Normal::new(template, light).ok_or(PointStatus::LowTexture)?;
+        let mut normal = Normal::new(template, light).ok_or(PointStatus::LowTexture)?;
         let mut displacement = guess;
         let mut last = f64::INFINITY;
         for _ in 0..self.options.max_iterations {
-            let sums = self
-                .compare(to, centre, displacement, true, workspace)
-                .ok_or(PointStatus::OutOfFrame)?;
+            let sums = self.compare(way, 0, centre, displacement, true, &mut normal, workspace)?;
             if !sums.squared.is_finite() {
                 return Err(PointStatus::NotFinite);
             }
@@ -333,7 +372,7 @@ impl Problem<'_> {
             if factor < 1.0 && size * factor / (1.0 - factor) < tolerance {
                 let half = window.half().map(f64::from);
                 let corner = [0, 1].map(|axis| f64::from(centre[axis]) + before[axis] - half[axis]);
-                return Ok(Rest {
+                return Ok(FinalStep {
                     before,
                     corner,
                     sums,
@@ -346,59 +385,89 @@ impl Problem<'_> {
     }
 
     /// Build the template; where its centre is.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "a level, a window, how to read it"
+    )]
     fn build(
         &self,
-        from: &Plane,
+        way: Direction<'_>,
+        level: usize,
         centre: [f32; 2],
         window: Window,
         sampling: Sampling,
         light: Light,
         workspace: &mut Workspace,
     ) -> [f32; 2] {
-        dispatch_eight(
+        let centre = dispatch_eight(
             self.level,
             BuildTemplate {
                 template: &mut workspace.template,
-                prev: from,
+                prev: &way.from[level],
                 centre,
                 window,
                 sampling,
                 light,
                 scratch: &mut workspace.scratch,
             },
-        )
+        );
+        workspace.template.belongs_to(&way.from_support[level]);
+        centre
     }
 
-    /// The sums at `displacement`, unless the window has left the frame there.
+    /// The sums at `displacement`, over the pixels that count there; `normal` becomes theirs.
+    #[allow(clippy::too_many_arguments, reason = "a level, a place, what to sum")]
     fn compare(
         &self,
-        to: &Plane,
+        way: Direction<'_>,
+        level: usize,
         centre: [f32; 2],
         displacement: [f64; 2],
         squared: bool,
+        normal: &mut Normal,
         workspace: &mut Workspace,
-    ) -> Option<Sums> {
+    ) -> Result<Sums, PointStatus> {
+        let to = &way.to[level];
         let at = [
             (f64::from(centre[0]) + displacement[0]) as f32,
             (f64::from(centre[1]) + displacement[1]) as f32,
         ];
-        let half = workspace.template.window.half();
+        let template = &mut workspace.template;
+        let half = template.window.half();
         let near = at[0] >= -half[0]
             && at[1] >= -half[1]
             && at[0] <= to.width() as f32 - 1.0 + half[0]
             && at[1] <= to.height() as f32 - 1.0 + half[1];
-        near.then(|| {
-            dispatch_eight(
-                self.level,
-                Compare {
-                    template: &workspace.template,
-                    next: to,
-                    centre: at,
-                    squared,
-                    scratch: &mut workspace.scratch,
-                },
-            )
-        })
+        if !near {
+            return Err(PointStatus::OutOfFrame);
+        }
+        match template.meets(&way.to_support[level], at) {
+            Place::Same => {}
+            Place::Other => {
+                dispatch_eight(self.level, SumAgain(template));
+                *normal = Normal::new(template, normal.model()).ok_or(PointStatus::LowTexture)?;
+            }
+            Place::Bare if !inside(to, at) => return Err(PointStatus::OutOfFrame),
+            Place::Bare => {
+                let [x, y] = at.map(|coordinate| coordinate.round() as isize);
+                let stands = way.to_support[level].has_all((x, y), 1, 1);
+                return Err(if self.masked && !stands {
+                    PointStatus::Masked
+                } else {
+                    PointStatus::LowSupport
+                });
+            }
+        }
+        Ok(dispatch_eight(
+            self.level,
+            Compare {
+                template: &workspace.template,
+                next: to,
+                centre: at,
+                squared,
+                scratch: &mut workspace.scratch,
+            },
+        ))
     }
 }
 

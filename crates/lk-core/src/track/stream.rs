@@ -8,9 +8,10 @@ use crate::frame::{Frame, Pixel, expect_size, pixels_of};
 use crate::memory::{reserve, resize};
 use crate::parallel::within_pool;
 use crate::pyramid::Pyramid;
+use crate::support::Masks;
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
 use crate::track::retry::Memory;
-use crate::track::{Guesses, POINTS, masked, track_keeping};
+use crate::track::{Guesses, POINTS, track_keeping};
 
 /// Share of the points that must be lost at once for a scene cut: a point that seems to survive one is chance.
 const CUT_SHARE: f32 = 0.8;
@@ -173,7 +174,8 @@ impl PointTracker {
         mask: Option<ArrayView2<'_, bool>>,
         levels: usize,
     ) -> Result<()> {
-        self.next.rebuild(frame, levels, &self.options.execution)?;
+        self.next
+            .rebuild_masked(frame, mask, levels, &self.options.execution)?;
         if self.size.is_some() {
             track_keeping(
                 &self.prev,
@@ -181,7 +183,7 @@ impl PointTracker {
                 &self.points,
                 Guesses {
                     initial: None,
-                    mask,
+                    masks: Masks::default().next(mask),
                 },
                 &self.options,
                 &mut self.memory,
@@ -190,7 +192,7 @@ impl PointTracker {
         } else {
             self.tracks.clear();
         }
-        let (living, cut) = self.judge(mask);
+        let (living, cut) = self.judge();
         let cells = self.seek(living, mask)?;
         // From here on nothing fails, so that an error leaves the points as they were.
         self.scene_cut = cut;
@@ -223,16 +225,18 @@ impl PointTracker {
         }
     }
 
-    /// Declare lost what the mask or a cut of the scene excludes; how many points live on, and whether there
-    /// is a cut.
-    fn judge(&mut self, mask: Option<ArrayView2<'_, bool>>) -> (usize, bool) {
-        for track in &mut self.tracks {
-            if track.is_valid() && mask.is_some_and(|mask| masked(mask, track.position)) {
-                *track = TrackedPoint::lost(PointStatus::Masked);
-            }
-        }
+    /// Declare lost what a cut of the scene excludes; how many points live on, and whether there is a cut.
+    fn judge(&mut self) -> (usize, bool) {
         // A point that left the frame or met the mask says nothing about the scene.
-        let judged = |status| !matches!(status, PointStatus::OutOfFrame | PointStatus::Masked);
+        let judged = |status| {
+            !matches!(
+                status,
+                PointStatus::OutOfFrame
+                    | PointStatus::Masked
+                    | PointStatus::LowSupport
+                    | PointStatus::Ambiguous
+            )
+        };
         let (mut total, mut lost) = (0usize, 0usize);
         for track in &self.tracks {
             total += usize::from(judged(track.status));
@@ -264,8 +268,13 @@ impl PointTracker {
                 for track in self.tracks.iter().filter(|track| track.is_valid()) {
                     self.occupied[found.of(track.position)] = true;
                 }
-                self.detector
-                    .detect_in(plane, mask, &self.corner_options, &mut self.corners)?;
+                self.detector.detect_where(
+                    plane,
+                    self.next.support().first(),
+                    mask,
+                    &self.corner_options,
+                    &mut self.corners,
+                )?;
                 let all = (living + self.corners.len()).min(wanted.max(living));
                 reserve(POINTS, &mut self.alive, all)?;
                 reserve(POINTS, &mut self.points, all)?;

@@ -45,7 +45,7 @@ proptest! {
         let next = frame(120, 140, dx, dy).mapv(|a| (gain * f64::from(a) + offset) as f32);
         let options = TrackOptions::default().window_size(width, height);
         let points = grid(120, 140, 36);
-        let tracks = track_points(prev.view(), next.view(), &points, None, None, &options).unwrap();
+        let tracks = track_points(prev.view(), next.view(), &points, None, Masks::default(), &options).unwrap();
         for (point, track) in points.iter().zip(&tracks) {
             prop_assert_eq!(track.status, PointStatus::Tracked);
             let error = (f64::from(track.position[0] - point[0]) - dx)
@@ -69,7 +69,7 @@ proptest! {
         let mut points: Vec<[f32; 2]> = points.into_iter().map(|(x, y)| [x, y]).collect();
         points.push([bad, 3.0]);
         let options = TrackOptions::default().window_size(window, other);
-        let tracks = track_points(prev.view(), next.view(), &points, Some(&points), None, &options).unwrap();
+        let tracks = track_points(prev.view(), next.view(), &points, Some(&points), Masks::default(), &options).unwrap();
         prop_assert_eq!(tracks.len(), points.len());
         for track in tracks {
             prop_assert_eq!(track.is_valid(), track.position[0].is_finite());
@@ -85,7 +85,7 @@ proptest! {
         let points = grid(100, 130, 0);
         let run = |execution: Execution| {
             let options = TrackOptions::default().window_size(window, 21).execution(execution);
-            let tracks = track_points(prev.view(), next.view(), &points, None, None, &options).unwrap();
+            let tracks = track_points(prev.view(), next.view(), &points, None, Masks::default(), &options).unwrap();
             tracks.iter().map(|track| {
                 let mut bits = track.position.map(f32::to_bits).to_vec();
                 bits.extend(track.covariance.map(f32::to_bits));
@@ -108,8 +108,8 @@ proptest! {
         let points = grid(110, 130, 20);
         let turned: Vec<[f32; 2]> = points.iter().map(|[x, y]| [*y, *x]).collect();
         let options = TrackOptions::default();
-        let tracks = track_points(prev.view(), next.view(), &points, None, None, &options).unwrap();
-        let other = track_points(prev.t(), next.t(), &turned, None, None, &options).unwrap();
+        let tracks = track_points(prev.view(), next.view(), &points, None, Masks::default(), &options).unwrap();
+        let other = track_points(prev.t(), next.t(), &turned, None, Masks::default(), &options).unwrap();
         for (track, other) in tracks.iter().zip(&other) {
             prop_assert_eq!(track.status, other.status);
             if track.is_valid() {
@@ -125,9 +125,9 @@ proptest! {
         let next = frame(110, 130, dx, dy);
         let points = grid(110, 130, 24);
         let options = TrackOptions::default();
-        let there = track_points(prev.view(), next.view(), &points, None, None, &options).unwrap();
+        let there = track_points(prev.view(), next.view(), &points, None, Masks::default(), &options).unwrap();
         let moved: Vec<[f32; 2]> = there.iter().map(|track| track.position).collect();
-        let back = track_points(next.view(), prev.view(), &moved, None, None, &options).unwrap();
+        let back = track_points(next.view(), prev.view(), &moved, None, Masks::default(), &options).unwrap();
         for (point, back) in points.iter().zip(&back) {
             let error = (point[0] - back.position[0]).hypot(point[1] - back.position[1]);
             prop_assert!(error < 0.03, "{} px, {:?}", error, back);
@@ -145,7 +145,15 @@ fn what_was_tracked_before_changes_no_bit() {
         let options = TrackOptions::default()
             .window_size(side, side)
             .execution(one);
-        let tracks = track_points(prev.view(), next.view(), &points, None, None, &options).unwrap();
+        let tracks = track_points(
+            prev.view(),
+            next.view(),
+            &points,
+            None,
+            Masks::default(),
+            &options,
+        )
+        .unwrap();
         let bits = |track: &TrackedPoint| {
             let position = track.position.map(f32::to_bits);
             (position, track.covariance.map(f32::to_bits), track.status)
@@ -179,8 +187,15 @@ fn no_motion_is_exactly_none() {
     ] {
         let options = TrackOptions::default().illumination(illumination);
         let points = grid(90, 110, 0);
-        let tracks =
-            track_points(still.view(), still.view(), &points, None, None, &options).unwrap();
+        let tracks = track_points(
+            still.view(),
+            still.view(),
+            &points,
+            None,
+            Masks::default(),
+            &options,
+        )
+        .unwrap();
         for (point, track) in points.iter().zip(&tracks) {
             assert_eq!(track.position, *point);
         }
@@ -197,9 +212,17 @@ fn strides_change_no_bit() {
         prev.slice(s![10..170;2, 20..220;2]),
         next.slice(s![10..170;2, 20..220;2]),
     );
-    let strided = track_points(a, b, &points, None, None, &options).unwrap();
+    let strided = track_points(a, b, &points, None, Masks::default(), &options).unwrap();
     let (a, b) = (a.to_owned(), b.to_owned());
-    let dense = track_points(a.view(), b.view(), &points, None, None, &options).unwrap();
+    let dense = track_points(
+        a.view(),
+        b.view(),
+        &points,
+        None,
+        Masks::default(),
+        &options,
+    )
+    .unwrap();
     assert_eq!(strided, dense);
 }
 
@@ -215,7 +238,7 @@ fn misuse_is_an_error_that_says_what() {
             next.view(),
             &[],
             None,
-            None,
+            Masks::default(),
             &options
         )),
         "next: got (20, 31), expected the shape of prev, (20, 30)"
@@ -226,7 +249,7 @@ fn misuse_is_an_error_that_says_what() {
             prev.view(),
             &[],
             Some(&[[0.0; 2]]),
-            None,
+            Masks::default(),
             &options
         )),
         "initial: got 1 points, expected one for each of the 0 points"
@@ -238,9 +261,9 @@ fn misuse_is_an_error_that_says_what() {
             prev.view(),
             &[],
             None,
-            Some(mask.view()),
+            Masks::default().next(mask.view()),
             &options
         )),
-        "mask: got (2, 2), expected the shape of the frames, (20, 30)"
+        "next_mask: got (2, 2), expected the shape of the frames, (20, 30)"
     );
 }

@@ -38,21 +38,38 @@ impl EightKernel for Compare<'_> {
     fn run<L: Eight>(self) -> Sums {
         let light = self.template.light;
         let spline = self.template.sampling == Sampling::Spline;
+        if self.template.is_masked() {
+            let template = self.template;
+            let sums = if spline {
+                self.spline::<L, true, true>()
+            } else {
+                self.linear::<L, true, true, true, true>()
+            };
+            return template.orthogonal(sums);
+        }
         match (spline, light.changes(), light.has_tilt(), self.squared) {
-            (true, true, ..) => self.spline::<L, true>(),
-            (true, false, ..) => self.spline::<L, false>(),
-            (false, true, true, _) => self.linear::<L, true, true, true>(),
-            (false, true, false, true) => self.linear::<L, true, false, true>(),
-            (false, true, false, false) => self.linear::<L, true, false, false>(),
-            (false, false, _, true) => self.linear::<L, false, false, true>(),
-            (false, false, _, false) => self.linear::<L, false, false, false>(),
+            (true, true, ..) => self.spline::<L, true, false>(),
+            (true, false, ..) => self.spline::<L, false, false>(),
+            (false, true, true, _) => self.linear::<L, true, true, true, false>(),
+            (false, true, false, true) => self.linear::<L, true, false, true, false>(),
+            (false, true, false, false) => self.linear::<L, true, false, false, false>(),
+            (false, false, _, true) => self.linear::<L, false, false, true, false>(),
+            (false, false, _, false) => self.linear::<L, false, false, false, false>(),
         }
     }
 }
 
 impl Compare<'_> {
     #[inline(always)]
-    fn linear<L: Eight, const LIGHT: bool, const TILT: bool, const SQUARED: bool>(self) -> Sums {
+    fn linear<
+        L: Eight,
+        const LIGHT: bool,
+        const TILT: bool,
+        const SQUARED: bool,
+        const MASKED: bool,
+    >(
+        self,
+    ) -> Sums {
         let template = self.template;
         let window = template.window;
         let half = window.half();
@@ -66,9 +83,17 @@ impl Compare<'_> {
             let mask = L::first(window.width - block * EIGHT);
             let mut samples = Linear::new(region, block * EIGHT, &wx);
             let mut columns = [L::zero(); 2];
-            for cell in template.column(block) {
-                let value = samples.below(&wx, &wy);
-                sums.add(value, cell, mask, &mut columns);
+            if MASKED {
+                let keep = template.joint.column(block, window);
+                for (cell, keep) in template.column(block).iter().zip(keep) {
+                    let value = samples.below(&wx, &wy);
+                    sums.add(value, cell, L::unpack(keep), &mut columns);
+                }
+            } else {
+                for cell in template.column(block) {
+                    let value = samples.below(&wx, &wy);
+                    sums.add(value, cell, mask, &mut columns);
+                }
             }
             sums.close(columns, window, block);
         }
@@ -76,7 +101,7 @@ impl Compare<'_> {
     }
 
     #[inline(always)]
-    fn spline<L: Eight, const LIGHT: bool>(self) -> Sums {
+    fn spline<L: Eight, const LIGHT: bool, const MASKED: bool>(self) -> Sums {
         let template = self.template;
         let window = template.window;
         let half = window.half();
@@ -95,9 +120,17 @@ impl Compare<'_> {
             let mask = L::first(window.width - block * EIGHT);
             let mut samples = Spline::new(region, block * EIGHT, &wx);
             let mut columns = [L::zero(); 2];
-            for cell in template.column(block) {
-                let value = samples.below(&wx, &wy);
-                sums.add(value, cell, mask, &mut columns);
+            if MASKED {
+                let keep = template.joint.column(block, window);
+                for (cell, keep) in template.column(block).iter().zip(keep) {
+                    let value = samples.below(&wx, &wy);
+                    sums.add(value, cell, L::unpack(keep), &mut columns);
+                }
+            } else {
+                for cell in template.column(block) {
+                    let value = samples.below(&wx, &wy);
+                    sums.add(value, cell, mask, &mut columns);
+                }
             }
             sums.close(columns, window, block);
         }

@@ -7,6 +7,7 @@
 //! [`super::normal::Normal`].
 
 mod compare;
+mod joint;
 mod outside;
 mod region;
 mod sampling;
@@ -15,6 +16,7 @@ mod template;
 use crate::simd::{EIGHT, Eight, Packed};
 
 pub(crate) use compare::{AbsoluteDifference, Compare, Sums};
+pub(crate) use joint::{Place, SumAgain};
 pub(crate) use region::BorderScratch;
 pub(crate) use sampling::Sampling;
 pub(crate) use template::{BuildTemplate, Template};

@@ -8,7 +8,7 @@ use crate::simd::EIGHT;
 
 /// A template has one more sample on each side, for its gradient.
 pub(super) const MAX_SAMPLED: usize = (MAX_SIDE + 2).next_multiple_of(EIGHT);
-const MAX_REGION: usize = MAX_SAMPLED + SPLINE_TAPS;
+pub(super) const MAX_REGION: usize = MAX_SAMPLED + SPLINE_TAPS;
 
 /// The most pixels of a row that are taken at once.
 pub(super) const LEAST_STRIDE: usize = EIGHT + SPLINE_TAPS;

@@ -1,5 +1,6 @@
 //! The window in `prev`, its gradients, and their sums.
 
+use super::joint::{Joint, Moments};
 use super::region::{BorderScratch, LEAST_STRIDE, MAX_SAMPLED, Region, region, split};
 use super::sampling::{Linear, SPLINE_BEFORE, SPLINE_TAPS, Sampling, Spline, pair, spline_weights};
 use super::{MAX_SIDE, Window};
@@ -9,6 +10,9 @@ use crate::track::noise::Gradients;
 use crate::track::normal::Light;
 
 const MAX_BLOCKS: usize = MAX_SIDE.div_ceil(EIGHT);
+
+/// Cells of the largest window.
+pub(super) const MAX_CELLS: usize = MAX_BLOCKS * MAX_SIDE;
 
 /// What a template holds for eight pixels of a row.
 #[derive(Debug, Clone, Copy)]
@@ -29,12 +33,17 @@ pub(crate) struct Template {
     /// Samples with one more on each side, in rows of whole lanes, and a row more.
     samples: [f32; MAX_SAMPLED * (MAX_SIDE + 3)],
     /// Columns of eight pixels, one after the other, each from its top row down.
-    pub(super) cells: [Cell; MAX_BLOCKS * MAX_SIDE],
+    pub(super) cells: [Cell; MAX_CELLS],
     /// Grey level of a pixel in the middle, from which `sums` counts the intensity.
     pub(super) level: f32,
     pub(crate) sums: TemplateSums,
+    /// Of the whole window, while `sums` are of a part of it.
+    pub(super) whole_sums: TemplateSums,
     /// The window's first sample.
-    corner: [f32; 2],
+    pub(super) corner: [f32; 2],
+    /// Which of its pixels count, and sums over those.
+    pub(super) joint: Joint,
+    pub(super) moments: Moments,
 }
 
 /// Sums over the window of the intensity a and the gradients x and y; 0 where they were not asked for.
@@ -69,7 +78,10 @@ impl Template {
             cells: [cell; _],
             level: 0.0,
             sums: TemplateSums::default(),
+            whole_sums: TemplateSums::default(),
             corner: [0.0; 2],
+            joint: Joint::new(),
+            moments: Moments::default(),
         }
     }
 
@@ -80,6 +92,16 @@ impl Template {
         &self.cells[block * height..][..height]
     }
 
+    /// Pixels that count.
+    pub(crate) fn area(&self) -> f64 {
+        self.moments.area
+    }
+
+    /// Sums of the squares of the functions that an offset varies by, see [`Moments`].
+    pub(crate) fn moments(&self) -> [f64; 2] {
+        self.moments.squares
+    }
+
     /// The window's first sample, (x, y) in `prev`.
     pub(crate) fn corner(&self) -> [f64; 2] {
         self.corner.map(f64::from)
@@ -88,8 +110,8 @@ impl Template {
     /// Of a fine template.
     pub(crate) fn gradients(&self) -> Gradients {
         let sums = &self.sums;
-        let area = self.window.area();
-        let share = (self.window.height - 1) as f64 / self.window.height as f64;
+        let area = self.area();
+        let share = self.moments.pairs / area;
         let mean = [1, 2].map(|index| sums.plain[index] * sums.plain[index] / area);
         let energy = [sums.products[3] - mean[0], sums.products[5] - mean[1]];
         let lagged = [
@@ -131,9 +153,12 @@ impl EightKernel for BuildTemplate<'_> {
         let half = window.half();
         let corner = [self.centre[0] - half[0], self.centre[1] - half[1]];
         template.corner = corner;
+        template.joint.reset();
+        template.moments = Moments::whole(window);
         let (columns, rows) = (window.width + 2, window.height + 2);
         if sampling == Sampling::Linear {
             let [x, y] = [corner[0].round(), corner[1].round()];
+            template.corner = [x, y];
             let place = (x as isize - 1, y as isize - 1);
             let region = region(self.prev, place, columns, rows, self.scratch);
             let cells = &mut template.cells;

@@ -6,9 +6,10 @@
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::scratch::with_scratch;
-use crate::simd::{Kernel, Level, dispatch};
+use crate::simd::{EIGHT, Kernel, Level, dispatch, dispatch_eight};
+use crate::track::affine::sample::{Copied, Filter, SampleWarped};
+use crate::track::affine::warp::{Positions, Warp};
 use crate::track::patch::Window;
-use crate::track::warp::{Positions, SampleWarped, Warp};
 
 /// Side of the patch in pixels of the coarse level: it has to tell places apart, and to stay within one motion.
 const SIDE: usize = 11;
@@ -21,8 +22,8 @@ const PATCH: Window = Window {
 /// Longest side, in pixels, of the level that is searched.
 const LONGEST: usize = 100;
 
-/// Rotations tried, in degrees, and scales: half a step is some 0.4 pixels at the patch's rim.
-const ANGLES: [f64; 7] = [-24.0, -16.0, -8.0, 0.0, 8.0, 16.0, 24.0];
+/// Rotations tried, in degrees, and scales: half a step is some 0.6 pixels at the patch's rim.
+const ANGLES: [f64; 5] = [-24.0, -12.0, 0.0, 12.0, 24.0];
 const SCALES: [f64; 5] = [0.8, 0.89, 1.0, 1.12, 1.25];
 
 /// Displacements searched, as a share of the frame's width and height.
@@ -32,14 +33,14 @@ const RANGE: f64 = 0.25;
 const LEAST_CORRELATION: f32 = 0.7;
 
 /// Places looked at more closely.
-pub(super) const PLACES: usize = 3;
+pub(in crate::track) const PLACES: usize = 3;
 
 /// Deviation of the grey levels of a patch below which it tells nothing.
 const LEAST_DEVIATION: f32 = 1.0;
 
 /// Both frames at the level that is searched.
 #[derive(Debug)]
-pub(super) struct Search<'a> {
+pub(in crate::track) struct Search<'a> {
     prev: &'a Plane,
     next: &'a Plane,
     level: usize,
@@ -52,13 +53,13 @@ pub(super) struct Search<'a> {
 
 /// Memory of a search that is kept from frame to frame.
 #[derive(Debug, Default)]
-pub(super) struct SearchMemory {
+pub(in crate::track) struct SearchMemory {
     scale: Plane,
 }
 
 impl SearchMemory {
     /// Make room for any level that is searched.
-    pub(super) fn reserve(&mut self) -> Result<()> {
+    pub(in crate::track) fn reserve(&mut self) -> Result<()> {
         self.scale.resize(LONGEST, LONGEST)
     }
 }
@@ -93,7 +94,7 @@ impl Places {
 }
 
 impl<'a> Search<'a> {
-    pub(super) fn new(
+    pub(in crate::track) fn new(
         memory: &'a mut SearchMemory,
         prev: &'a [Plane],
         next: &'a [Plane],
@@ -122,13 +123,18 @@ impl<'a> Search<'a> {
     }
 
     /// The level whose pixels the search knows.
-    pub(super) fn level(&self) -> usize {
+    pub(in crate::track) fn level(&self) -> usize {
         self.level
     }
 
     /// Where the patch around `point`, in pixels of the frame, may have gone; the best first. The shifts are in pixels
     /// of the frame, right to about one of the level.
-    pub(super) fn find(&self, point: [f32; 2], mut found: impl FnMut(Warp)) -> Result<()> {
+    pub(in crate::track) fn find(
+        &self,
+        point: [f32; 2],
+        copied: &mut Copied,
+        mut found: impl FnMut(Warp),
+    ) -> Result<()> {
         let factor = f64::from(1u32 << self.level);
         let centre = point.map(|coordinate| f64::from(coordinate) / factor);
         let whole = centre.map(|coordinate| coordinate.round() as isize);
@@ -157,17 +163,21 @@ impl<'a> Search<'a> {
                         shift: [0.0; 2],
                         matrix,
                     };
-                    let mut patch = [0.0f32; AREA];
+                    let mut sampled = [0.0f32; AREA + EIGHT];
                     // The pixel of `prev` that comes to stand at each pixel of the patch in `next`.
-                    dispatch(
+                    let near = dispatch_eight(
                         self.simd,
                         SampleWarped {
                             plane: self.prev,
                             positions: Positions::around(centre, warp.inverse().matrix, PATCH, 0),
-                            to: &mut patch,
+                            filter: Filter::Spline,
+                            copied: &mut *copied,
+                            to: &mut sampled,
                         },
                     );
-                    if !normalise(&mut patch) {
+                    let mut patch = [0.0f32; AREA];
+                    patch.copy_from_slice(&sampled[..AREA]);
+                    if !near || !normalise(&mut patch) {
                         continue;
                     }
                     for row in 0..rows {

@@ -28,7 +28,7 @@ const MIN_POINTS: usize = 16;
 
 /// The parameters of `cv2.calcOpticalFlowPyrLK`.
 #[derive(Debug, Clone)]
-pub struct BouguetOptions {
+pub struct PyrLkOptions {
     window: Window,
     max_level: usize,
     iterations: usize,
@@ -38,7 +38,7 @@ pub struct BouguetOptions {
     execution: Execution,
 }
 
-impl Default for BouguetOptions {
+impl Default for PyrLkOptions {
     fn default() -> Self {
         Self {
             window: Window {
@@ -55,7 +55,7 @@ impl Default for BouguetOptions {
     }
 }
 
-impl BouguetOptions {
+impl PyrLkOptions {
     /// Width and height of the window, 3 to 63 pixels; 21 by 21 by default.
     #[must_use]
     pub fn window_size(mut self, width: usize, height: usize) -> Self {
@@ -116,7 +116,7 @@ impl BouguetOptions {
 
 /// Where one point went, in OpenCV's terms.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BouguetPoint {
+pub struct PyrLkPoint {
     /// Position (x, y) in `next`; where the search ended if the point was lost.
     pub position: [f32; 2],
     /// Whether it ended inside of the frame, on texture.
@@ -131,13 +131,13 @@ pub struct BouguetPoint {
 ///
 /// [`Error::Shape`] if the frames or `initial` do not fit together, [`Error::Option`] for a window outside of 3 to 63
 /// pixels; those of the execution.
-pub fn track_bouguet<T: Pixel>(
+pub fn track_pyr_lk<T: Pixel>(
     prev: Frame<'_, T>,
     next: Frame<'_, T>,
     points: &[[f32; 2]],
     initial: Option<&[[f32; 2]]>,
-    options: &BouguetOptions,
-) -> Result<Vec<BouguetPoint>> {
+    options: &PyrLkOptions,
+) -> Result<Vec<PyrLkPoint>> {
     let window = options.window;
     if !(3..=MAX_WINDOW).contains(&window.width) || !(3..=MAX_WINDOW).contains(&window.height) {
         return Err(Error::option(
@@ -157,7 +157,7 @@ pub fn track_bouguet<T: Pixel>(
     let levels = options.levels(prev.dim());
     let prev = Pyramid::new(prev, levels, &options.execution)?;
     let next = Pyramid::new(next, levels, &options.execution)?;
-    let lost = BouguetPoint {
+    let lost = PyrLkPoint {
         position: [f32::NAN; 2],
         found: false,
         error: 0.0,
@@ -193,17 +193,17 @@ pub fn track_bouguet<T: Pixel>(
 struct Search<'a> {
     prev: &'a [Plane],
     next: &'a [Plane],
-    options: &'a BouguetOptions,
+    options: &'a PyrLkOptions,
     level: Level,
     template: Template,
     scratch: BorderScratch,
 }
 
 impl Search<'_> {
-    fn track(&mut self, point: [f32; 2], guess: [f32; 2]) -> BouguetPoint {
+    fn track(&mut self, point: [f32; 2], guess: [f32; 2]) -> PyrLkPoint {
         let top = self.prev.len() - 1;
         let scale = 1.0 / f64::from(1u32 << top);
-        let mut result = BouguetPoint {
+        let mut result = PyrLkPoint {
             position: guess,
             found: true,
             error: 0.0,

@@ -2,11 +2,11 @@
 //! chance, and stands alone.
 
 use crate::error::Result;
-use crate::track::grid::Grid;
+use crate::track::affine::Warp;
+use crate::track::neighbours::Grid;
 use crate::track::options::{PointStatus, TrackedPoint};
-use crate::track::retry::is_hopeful;
+use crate::track::retry::is_retryable;
 use crate::track::solve::Problem;
-use crate::track::warp::Warp;
 
 /// Of so many points at least, this share must be lost.
 const LEAST_POINTS: usize = 64;
@@ -25,7 +25,7 @@ pub(super) fn agrees(expected: [f64; 2], seen: [f64; 2], offset: [f64; 2]) -> bo
 }
 
 /// Take back what has no witness, where nearly all points are lost.
-pub(super) fn drop_the_lonely(
+pub(super) fn reject_isolated(
     problem: &Problem<'_>,
     points: &[[f32; 2]],
     tracks: &mut [TrackedPoint],
@@ -34,7 +34,7 @@ pub(super) fn drop_the_lonely(
     let (mut lost, mut tracked) = (0usize, 0usize);
     for (track, point) in tracks.iter().zip(points) {
         tracked += usize::from(track.is_valid());
-        lost += usize::from(is_hopeful(track.status) && problem.holds(*point));
+        lost += usize::from(is_retryable(track.status) && problem.holds(*point));
     }
     let judged = lost + tracked;
     if tracked == 0 || judged < LEAST_POINTS || (lost as f32) < LOST_SHARE * judged as f32 {

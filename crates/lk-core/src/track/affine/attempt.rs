@@ -1,12 +1,13 @@
 //! One point whose surroundings turn, grow or shear: down the levels from given warps, and the judgement.
 
-use crate::track::affine::{Aligner, Answer, Question};
-use crate::track::judge::{Fit, RETURN_SHARE};
-use crate::track::noise::{Samples, spread};
+use crate::track::affine::align::{Aligner, Input, Output};
+use crate::track::affine::sample::Filter;
+use crate::track::affine::warp::Warp;
+use crate::track::noise::{Samples, noise_gain};
 use crate::track::normal::Light;
-use crate::track::options::{PointStatus, TrackedPoint};
-use crate::track::solve::{Problem, Way, coarse_window};
-use crate::track::warp::Warp;
+use crate::track::options::{Deformation, PointStatus, TrackedPoint};
+use crate::track::solve::{Direction, Problem, coarse_window};
+use crate::track::verify::{Fit, RETURN_SHARE};
 
 /// A warp must leave less than this share of what a displacement leaves to take its place: its four more unknowns
 /// explain about so much of what is noise.
@@ -14,6 +15,9 @@ const LESS_LEFT: f64 = 0.92;
 
 /// Share of the variance that a warp may leave: its unknowns explain some of any window.
 const MAX_UNEXPLAINED: f64 = 0.1;
+
+/// Share of the variance that a warp may leave on the last coarse level to be worth the finest one.
+const HOPEFUL: f64 = 0.25;
 
 /// Steps on a coarse level, and the length of one that is enough.
 const COARSE_ITERATIONS: usize = 8;
@@ -24,20 +28,20 @@ const MAX_STARTS: usize = 4;
 
 /// A warp to start from, and the level that it is good for.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Start {
+pub(in crate::track) struct Start {
     warp: Warp,
     level: usize,
 }
 
 /// Where to start one point.
 #[derive(Debug)]
-pub(super) struct Starts {
+pub(in crate::track) struct Starts {
     list: [Start; MAX_STARTS],
     count: usize,
 }
 
 impl Starts {
-    pub(super) fn new() -> Self {
+    pub(in crate::track) fn new() -> Self {
         let none = Start {
             warp: Warp::shift([0.0; 2]),
             level: 0,
@@ -49,28 +53,28 @@ impl Starts {
     }
 
     /// Add one, if there is room.
-    pub(super) fn add(&mut self, warp: Warp, level: usize) {
+    pub(in crate::track) fn add(&mut self, warp: Warp, level: usize) {
         if self.count < MAX_STARTS {
             self.list[self.count] = Start { warp, level };
             self.count += 1;
         }
     }
 
-    pub(super) fn list(&self) -> &[Start] {
+    pub(in crate::track) fn list(&self) -> &[Start] {
         &self.list[..self.count]
     }
 }
 
 /// Where one point went, and how its window is deformed there.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Found {
-    pub(super) track: TrackedPoint,
-    pub(super) warp: Warp,
+pub(in crate::track) struct Found {
+    pub(in crate::track) track: TrackedPoint,
+    pub(in crate::track) warp: Warp,
 }
 
 impl Problem<'_> {
     /// Track `point` from the best of `starts`, if that is better than `before`.
-    pub(super) fn deform(
+    pub(in crate::track) fn deform(
         &self,
         point: [f32; 2],
         before: &TrackedPoint,
@@ -87,9 +91,19 @@ impl Problem<'_> {
                 break;
             }
         }
-        let (_, warp, start) = best?;
-        let answer = self.finish(self.forward(), point, warp, self.tolerance(), aligner)?;
-        let displacement = answer.warp.shift;
+        let (unexplained, warp, start) = best?;
+        if start.level > 0 && !before.is_valid() && (unexplained > HOPEFUL || unexplained.is_nan())
+        {
+            return None;
+        }
+        let output = self.finish(
+            self.forward(),
+            point,
+            warp,
+            (Filter::Spline, self.tolerance()),
+            aligner,
+        )?;
+        let displacement = output.warp.shift;
         let position = [
             (f64::from(point[0]) + displacement[0]) as f32,
             (f64::from(point[1]) + displacement[1]) as f32,
@@ -99,25 +113,27 @@ impl Problem<'_> {
         let samples = Samples {
             prev: [0, 1].map(|axis| f64::from(point[axis]) - half[axis]),
             next: None,
-            spacing: answer.warp.scale(),
+            spacing: output.warp.scale(),
         };
-        let own = answer.variance / (1.0 + answer.gain * answer.gain);
-        let scale = answer.variance * spread(&answer.gradients, window, &samples, own);
+        let own = output.variance / (1.0 + output.gain * output.gain);
+        let scale = output.variance * noise_gain(&output.gradients, window, &samples, own);
         let fit = Fit {
             displacement,
-            variance: answer.variance,
-            signal: answer.signal,
-            covariance: answer.unit_covariance.map(|entry| entry * scale),
-            gain: answer.gain,
+            variance: output.variance,
+            signal: output.signal,
+            covariance: output.unit_covariance.map(|entry| entry * scale),
+            gain: output.gain,
         };
-        let unexplained = answer.variance / answer.signal;
-        let residual = answer.variance.sqrt() as f32;
+        let unexplained = output.variance / output.signal;
+        let residual = output.variance.sqrt() as f32;
         let rival = f64::from(before.residual);
         // The share is NaN where the window has no contrast.
         if self.judge(&fit, position).is_err()
             || unexplained.is_nan()
             || unexplained > MAX_UNEXPLAINED
-            || (before.is_valid() && answer.variance > LESS_LEFT * rival * rival)
+            || (before.is_valid()
+                && self.options.deformation != Deformation::Affine
+                && output.variance > LESS_LEFT * rival * rival)
         {
             return None;
         }
@@ -129,7 +145,14 @@ impl Problem<'_> {
                 level: start.level,
             };
             let (back, _) = self.lead(self.backward(), position, back, aligner);
-            let back = self.finish(self.backward(), position, back, tolerance, aligner)?;
+            let filter = Filter::Linear;
+            let back = self.finish(
+                self.backward(),
+                position,
+                back,
+                (filter, tolerance),
+                aligner,
+            )?;
             let back = back.warp.shift;
             forward_backward = (displacement[0] + back[0]).hypot(displacement[1] + back[1]) as f32;
             if forward_backward.is_nan() || forward_backward > limit {
@@ -143,17 +166,17 @@ impl Problem<'_> {
                 residual,
                 covariance: fit.covariance.map(|value| value as f32),
                 forward_backward,
-                deformation: answer.warp.matrix.map(|row| row.map(|entry| entry as f32)),
+                deformation: output.warp.matrix.map(|row| row.map(|entry| entry as f32)),
                 unexplained: unexplained as f32,
             },
-            warp: answer.warp,
+            warp: output.warp,
         })
     }
 
     /// The warp after the coarse levels, and the share of the window's variance that it leaves on the last of them.
     fn lead(
         &self,
-        way: Way<'_>,
+        way: Direction<'_>,
         point: [f32; 2],
         start: Start,
         aligner: &mut Aligner,
@@ -163,9 +186,12 @@ impl Problem<'_> {
         for level in (1..=start.level.min(way.from.len() - 1)).rev() {
             let factor = f64::from(1u32 << level);
             unexplained = f64::INFINITY;
-            let question = Question {
+            let input = Input {
                 from: &way.from[level],
                 to: &way.to[level],
+                from_support: &way.from_support[level],
+                to_support: &way.to_support[level],
+                filter: Filter::Linear,
                 centre: point.map(|coordinate| f64::from(coordinate) / factor),
                 start: warp.scaled(1.0 / factor),
                 window: coarse_window(self.options.window),
@@ -174,9 +200,9 @@ impl Problem<'_> {
                 tolerance: COARSE_TOLERANCE,
                 level: self.level,
             };
-            if let Some(answer) = aligner.align(&question) {
-                warp = answer.warp.scaled(factor);
-                unexplained = answer.variance / answer.signal;
+            if let Some(output) = aligner.align(&input) {
+                warp = output.warp.scaled(factor);
+                unexplained = output.variance / output.signal;
             }
         }
         (warp, unexplained)
@@ -185,15 +211,18 @@ impl Problem<'_> {
     /// The warp on the finest level.
     fn finish(
         &self,
-        way: Way<'_>,
+        way: Direction<'_>,
         point: [f32; 2],
         start: Warp,
-        tolerance: f64,
+        (filter, tolerance): (Filter, f64),
         aligner: &mut Aligner,
-    ) -> Option<Answer> {
-        aligner.align(&Question {
+    ) -> Option<Output> {
+        aligner.align(&Input {
             from: &way.from[0],
             to: &way.to[0],
+            from_support: &way.from_support[0],
+            to_support: &way.to_support[0],
+            filter,
             centre: point.map(f64::from),
             start,
             window: self.options.window.with_rim(),

@@ -1,11 +1,11 @@
 //! Whether what was found is to be believed, and how uncertain it is.
 
 use crate::illumination::Illumination;
-use crate::track::noise::{Samples, spread};
+use crate::track::noise::{Samples, noise_gain};
 use crate::track::normal::{GAIN_RANGE, Normal, SIMPLER};
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::patch::Template;
-use crate::track::solve::{Problem, Rest, Workspace, inside};
+use crate::track::solve::{FinalStep, Problem, Workspace, inside};
 
 /// Variance left in the difference, as a share of the window's own, beyond which two windows do not match.
 const MAX_UNEXPLAINED: f64 = 0.25;
@@ -32,7 +32,7 @@ pub(super) struct Fit {
 impl Problem<'_> {
     /// The fit after the last step, under the simplest lighting model that the window does not speak against: an
     /// unknown that is not there costs accuracy.
-    pub(super) fn settle(&self, rest: &Rest, template: &Template) -> Fit {
+    pub(super) fn settle(&self, rest: &FinalStep, template: &Template) -> Fit {
         if self.options.illumination == Illumination::GainOffset {
             let full = rest.normal.left(&rest.sums);
             let unit = rest.normal.noise(full);
@@ -116,7 +116,7 @@ impl Problem<'_> {
 }
 
 impl Fit {
-    fn new(template: &Template, rest: &Rest, normal: &Normal) -> Self {
+    fn new(template: &Template, rest: &FinalStep, normal: &Normal) -> Self {
         let step = normal.step(&rest.sums);
         let variance = normal.variance(normal.left(&rest.sums));
         let samples = Samples {
@@ -125,7 +125,7 @@ impl Fit {
             spacing: 1.0,
         };
         let own = variance / (1.0 + step.gain * step.gain);
-        let spread = spread(&template.gradients(), template.window, &samples, own);
+        let spread = noise_gain(&template.gradients(), template.window, &samples, own);
         Self {
             displacement: rest.after(&step),
             variance,

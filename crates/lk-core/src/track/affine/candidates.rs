@@ -4,9 +4,9 @@
 use crate::error::Result;
 use crate::memory::reserve;
 use crate::track::POINTS;
-use crate::track::grid::Grid;
-use crate::track::options::TrackedPoint;
-use crate::track::retry::is_hopeful;
+use crate::track::neighbours::Grid;
+use crate::track::options::{Deformation, TrackedPoint};
+use crate::track::retry::is_retryable;
 use crate::track::solve::Problem;
 
 /// Share of the points that must be open, and least number of them, for a closer look.
@@ -30,19 +30,23 @@ const APART: usize = 2;
 const SAMPLE: usize = 8;
 
 /// List the open points in `open`; whether there are enough of them.
-pub(super) fn doubt(
+pub(in crate::track) fn candidates(
     problem: &Problem<'_>,
     points: &[[f32; 2]],
     tracks: &[TrackedPoint],
     grid: &mut Grid,
     open: &mut Vec<u32>,
 ) -> Result<bool> {
+    open.clear();
+    if problem.options.deformation == Deformation::None {
+        return Ok(false);
+    }
     let is_open = |index: usize| {
         let track = &tracks[index];
         if track.is_valid() {
             track.unexplained > UNEXPLAINED
         } else {
-            is_hopeful(track.status) && problem.holds(points[index])
+            is_retryable(track.status) && problem.holds(points[index])
         }
     };
     let count = |step: usize, is_open: &dyn Fn(usize) -> bool| {
@@ -57,7 +61,13 @@ pub(super) fn doubt(
     let enough = |step: usize, (open, judged): (usize, usize)| {
         step * open >= OPEN_POINTS && open as f32 >= OPEN_SHARE * judged as f32
     };
-    open.clear();
+    if problem.options.deformation == Deformation::Affine {
+        grid.fill(problem.size(), points, |index| tracks[index].is_valid())?;
+        reserve(POINTS, open, points.len())?;
+        let there = |index: &usize| tracks[*index].is_valid() || is_open(*index);
+        open.extend((0..points.len()).filter(there).map(|index| index as u32));
+        return Ok(!open.is_empty());
+    }
     if points.len() < OPEN_POINTS {
         return Ok(false);
     }

@@ -8,27 +8,45 @@ use std::cell::Cell;
 
 use crate::frame::Plane;
 use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, dispatch, dispatch_eight};
+use crate::support::{CLIPPED, COUNTS, Support};
+use crate::track::affine::sample::{Copied, Filter, SampleWarped};
+use crate::track::affine::warp::{Positions, Warp, inverted, product};
 use crate::track::noise::Gradients;
 use crate::track::normal::{GAIN_RANGE, Light, SIMPLER, unit_noise};
 use crate::track::patch::{MAX_SIDE, Window};
-use crate::track::warp::{Positions, SampleWarped, Warp, inverted, product};
 
-/// Unknowns: the displacement and the derivative of the warp along x and along y, an offset and its slopes, a gain.
+/// Unknowns: the displacement and the derivative of the warp along x and along y, an offset, a gain, the offset's slopes.
 const UNKNOWNS: usize = 10;
 
 /// Samples along a side: a template has one more on each side, for its gradient.
 const SIDE: usize = MAX_SIDE + 2;
 
-/// Samples of a window in whole lanes.
-const ROOM: usize = (SIDE * SIDE).next_multiple_of(EIGHT);
+/// Samples of a window in whole lanes, and room for the last lanes of its last row.
+const ROOM: usize = (SIDE * SIDE).next_multiple_of(EIGHT) + EIGHT;
+
+/// Pixels of a window and around it whose support is looked at.
+const LOOKED: usize = (MAX_SIDE + 6) * (MAX_SIDE + 6);
+
+/// Share of a window's pixels that must count.
+const LEAST_COUNTING: f64 = 0.125;
+
+/// Share of the window's variance that may be left after so many steps on the way to a warp.
+const HOPE: f64 = 0.3;
+const HOPE_STEPS: usize = 2;
 
 /// For each unknown a value for each pixel; 0 up to whole lanes.
 type Basis = [[f32; ROOM]; UNKNOWNS];
 
 /// Memory of one thread.
 #[derive(Debug)]
-pub(super) struct Aligner {
+pub(in crate::track) struct Aligner {
     samples: [f32; ROOM],
+    pub(in crate::track) copied: Copied,
+    /// What the pixels of the template are, and whether all of them count.
+    own: [u8; LOOKED],
+    own_whole: bool,
+    /// Bits to keep of each pixel, if some do not count.
+    keep: [f32; ROOM],
     /// Grey levels of the template, and how much each unknown changes them.
     template: [f32; ROOM],
     basis: Basis,
@@ -36,31 +54,34 @@ pub(super) struct Aligner {
 
 /// What one level is asked.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Question<'a> {
-    pub(super) from: &'a Plane,
-    pub(super) to: &'a Plane,
-    pub(super) centre: [f64; 2],
-    pub(super) start: Warp,
-    pub(super) window: Window,
-    pub(super) light: Light,
-    pub(super) iterations: usize,
+pub(in crate::track) struct Input<'a> {
+    pub(in crate::track) from: &'a Plane,
+    pub(in crate::track) to: &'a Plane,
+    pub(in crate::track) from_support: &'a Support,
+    pub(in crate::track) to_support: &'a Support,
+    pub(in crate::track) filter: Filter,
+    pub(in crate::track) centre: [f64; 2],
+    pub(in crate::track) start: Warp,
+    pub(in crate::track) window: Window,
+    pub(in crate::track) light: Light,
+    pub(in crate::track) iterations: usize,
     /// Length of a step at the window's rim, in pixels, that is short enough.
-    pub(super) tolerance: f64,
-    pub(super) level: Level,
+    pub(in crate::track) tolerance: f64,
+    pub(in crate::track) level: Level,
 }
 
 /// What one level answers.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Answer {
-    pub(super) warp: Warp,
-    pub(super) gain: f64,
+pub(in crate::track) struct Output {
+    pub(in crate::track) warp: Warp,
+    pub(in crate::track) gain: f64,
     /// Mean square of what is left, and of the window without what an offset and its slopes explain, times the squared
     /// gain.
-    pub(super) variance: f64,
-    pub(super) signal: f64,
+    pub(in crate::track) variance: f64,
+    pub(in crate::track) signal: f64,
     /// Covariance of the displacement where what is left has variance 1 a pixel and no correlation: xx, xy, yy.
-    pub(super) unit_covariance: [f64; 3],
-    pub(super) gradients: Gradients,
+    pub(in crate::track) unit_covariance: [f64; 3],
+    pub(in crate::track) gradients: Gradients,
 }
 
 thread_local! {
@@ -69,7 +90,7 @@ thread_local! {
 
 impl Aligner {
     /// Call `work` with memory that the next call of this thread has again.
-    pub(super) fn with<R>(work: impl FnOnce(&mut Self) -> R) -> R {
+    pub(in crate::track) fn with<R>(work: impl FnOnce(&mut Self) -> R) -> R {
         let mut aligner = KEPT.take().unwrap_or_else(|| Box::new(Self::new()));
         let result = work(&mut aligner);
         KEPT.set(Some(aligner));
@@ -79,29 +100,36 @@ impl Aligner {
     fn new() -> Self {
         Self {
             samples: [0.0; _],
+            copied: Copied::new(),
+            own: [COUNTS; _],
+            own_whole: true,
+            keep: [0.0; _],
             template: [0.0; _],
             basis: [[0.0; ROOM]; _],
         }
     }
 
     /// Align a window on one level; `None` where its texture does not fix a warp, or the steps lead nowhere.
-    pub(super) fn align(&mut self, question: &Question<'_>) -> Option<Answer> {
-        let Question {
+    pub(in crate::track) fn align(&mut self, input: &Input<'_>) -> Option<Output> {
+        let Input {
             window,
             light,
             to,
             centre,
             ..
-        } = *question;
-        let gradients = self.build(question);
+        } = *input;
+        let gradients = self.build(input)?;
         let count = window.width * window.height;
-        let square = self.square(count, question.level);
-        let normal = Factor::new(&square, light)?;
+        let mut area = count as f64;
+        let mut masked = false;
+        let unknowns = Unknowns::of(light);
+        let mut square = self.square(count, masked, unknowns, input.level);
+        let mut normal = Factor::new(&square, light)?;
         let half = 0.5 * window.width.max(window.height) as f64;
         let reach = half + 2.0;
-        let mut warp = question.start;
+        let mut warp = input.start;
         let mut last = f64::INFINITY;
-        for _ in 0..question.iterations {
+        for iteration in 0..input.iterations {
             let at = [centre[0] + warp.shift[0], centre[1] + warp.shift[1]];
             let near = at[0] >= -half
                 && at[1] >= -half
@@ -110,40 +138,51 @@ impl Aligner {
             if !near {
                 return None;
             }
-            dispatch(
-                question.level,
+            let positions = Positions::around(at, warp.matrix, window, 0);
+            let sampled = dispatch_eight(
+                input.level,
                 SampleWarped {
                     plane: to,
-                    positions: Positions::around(at, warp.matrix, window, 0),
-                    to: &mut self.samples[..count],
+                    positions,
+                    filter: input.filter,
+                    copied: &mut self.copied,
+                    to: &mut self.samples,
                 },
             );
-            let (sums, squared) = dispatch_eight(
-                question.level,
-                Project {
-                    samples: &self.samples,
-                    template: &self.template,
-                    basis: &self.basis,
-                    count,
-                },
-            );
+            if !sampled {
+                return None;
+            }
+            let counting = self.meet(input.to_support, &positions);
+            if masked || counting.is_some() {
+                masked = counting.is_some();
+                area = counting.unwrap_or(count as f64);
+                if area < LEAST_COUNTING * count as f64 {
+                    return None;
+                }
+                square = self.square(count, masked, unknowns, input.level);
+                normal = Factor::new(&square, light)?;
+            }
+            let (sums, squared) = self.project(count, masked, unknowns, input.level);
             if !squared.is_finite() {
                 return None;
             }
             let step = Step::new(&normal, &sums, squared);
             let next = step.apply(warp, half);
             let size = step.size();
-            let start = question.start.shift;
+            let start = input.start.shift;
             let moved = (next.shift[0] - start[0]).hypot(next.shift[1] - start[1]);
             if !next.is_plausible() || moved > reach || moved.is_nan() {
                 return None;
             }
+            let signal = step.gain * step.gain * normal.contrast / area;
+            let variance =
+                |normal: &Factor, left: f64| left / (area - normal.unknowns() as f64).max(1.0);
+            if iteration >= HOPE_STEPS && variance(&normal, step.left) > HOPE * signal {
+                return None;
+            }
             // Steps shrink by a steady factor, so this is how far the rest of them would lead.
             let factor = (size / last).max(0.2);
-            if factor < 1.0 && size * factor / (1.0 - factor) < question.tolerance {
-                let variance = |normal: &Factor, left: f64| {
-                    left / (count as f64 - normal.unknowns() as f64).max(1.0)
-                };
+            if factor < 1.0 && size * factor / (1.0 - factor) < input.tolerance {
                 // The simplest lighting model that the window does not speak against, as for a displacement alone.
                 let limit = unit_noise(variance(&normal, step.left));
                 let simpler =
@@ -158,11 +197,11 @@ impl Aligner {
                 let (normal, step) = simpler.unwrap_or((normal, step));
                 let warp = step.apply(warp, half);
                 let gain = step.gain;
-                return Some(Answer {
+                return Some(Output {
                     warp,
                     gain,
                     variance: variance(&normal, step.left),
-                    signal: gain * gain * normal.contrast / count as f64,
+                    signal: gain * gain * normal.contrast / area,
                     unit_covariance: normal.covariance(&warp, gain),
                     gradients,
                 });
@@ -173,34 +212,103 @@ impl Aligner {
         None
     }
 
+    /// Find which pixels count with those of `support` at `positions`: how many, unless all do.
+    fn meet(&mut self, support: &Support, positions: &Positions) -> Option<f64> {
+        let [x, y] = positions.bounds();
+        let low = [x, y].map(|[low, _]| low.floor() as isize - 1);
+        let high = [x, y].map(|[_, high]| high.floor() as isize + 2);
+        let size = [0, 1].map(|axis: usize| (high[axis] - low[axis] + 1).max(0) as usize);
+        let whole = support.has_all((low[0], low[1]), size[0], size[1]);
+        if whole && self.own_whole {
+            return None;
+        }
+        let all = f32::from_bits(u32::MAX);
+        let mut counting = 0usize;
+        let count = positions.columns * positions.rows;
+        for (index, keep) in self.keep[..count].iter_mut().enumerate() {
+            let mut counts = self.own_whole || self.own[index] >= CLIPPED;
+            if counts && !whole {
+                let [x, y] = positions
+                    .at(index)
+                    .map(|coordinate| coordinate.floor() as isize);
+                // The four pixels around on both axes.
+                counts = support.has_all((x - 1, y - 1), 4, 4);
+            }
+            counting += usize::from(counts);
+            *keep = if counts { all } else { 0.0 };
+        }
+        Some(counting as f64)
+    }
+
     /// Sums of the products of what the unknowns change; above the diagonal.
-    fn square(&self, count: usize, level: Level) -> [[f64; UNKNOWNS]; UNKNOWNS] {
-        let basis = &self.basis;
-        dispatch_eight(level, Square { basis, count })
+    fn square(
+        &self,
+        count: usize,
+        masked: bool,
+        unknowns: Unknowns,
+        level: Level,
+    ) -> [[f64; UNKNOWNS]; UNKNOWNS] {
+        let (basis, keep) = (&self.basis, masked.then_some(&self.keep));
+        let kernel = Square {
+            basis,
+            keep,
+            count,
+            unknowns,
+        };
+        dispatch_eight(level, kernel)
+    }
+
+    /// Sums of the difference with what each unknown changes, and squared.
+    fn project(
+        &self,
+        count: usize,
+        masked: bool,
+        unknowns: Unknowns,
+        level: Level,
+    ) -> ([f64; UNKNOWNS], f64) {
+        let kernel = Project {
+            samples: &self.samples,
+            template: &self.template,
+            basis: &self.basis,
+            keep: masked.then_some(&self.keep),
+            count,
+            unknowns,
+        };
+        dispatch_eight(level, kernel)
     }
 
     /// Fill template and basis.
-    fn build(&mut self, question: &Question<'_>) -> Gradients {
-        let window = question.window;
-        let positions = Positions::around(question.centre, Warp::IDENTITY, window, 1);
-        let (columns, rows) = (positions.columns, positions.rows);
-        dispatch(
-            question.level,
+    fn build(&mut self, input: &Input<'_>) -> Option<Gradients> {
+        let window = input.window;
+        let positions = Positions::around(input.centre, Warp::IDENTITY, window, 1);
+        let sampled = dispatch_eight(
+            input.level,
             SampleWarped {
-                plane: question.from,
+                plane: input.from,
                 positions,
-                to: &mut self.samples[..columns * rows],
+                filter: input.filter,
+                copied: &mut self.copied,
+                to: &mut self.samples,
             },
         );
-        dispatch(
-            question.level,
-            Differentiate {
-                samples: &self.samples[..columns * rows],
-                window,
-                template: &mut self.template,
-                basis: &mut self.basis,
-            },
-        )
+        let reads = [0, 1].map(|axis: usize| {
+            // The window's own first sample: one more stands before it.
+            let first = positions.first[axis] + 1.0;
+            [first.floor() as isize, first.ceil() as isize]
+        });
+        let size = (window.width, window.height);
+        self.own_whole = input.from_support.least(reads, size, [2, 2], &mut self.own);
+        sampled.then(|| {
+            dispatch(
+                input.level,
+                Differentiate {
+                    samples: &self.samples,
+                    window,
+                    template: &mut self.template,
+                    basis: &mut self.basis,
+                },
+            )
+        })
     }
 }
 
@@ -225,7 +333,7 @@ impl Kernel for Differentiate<'_> {
         let middle = samples[(height / 2 + 1) * columns + columns / 2];
         let half = 0.5 * width.max(height) as f32;
         let (mut energy, mut lagged) = ([0.0f32; 2], [0.0f32; 2]);
-        let [bx, bxx, bxy, by, byx, byy, one, along, down, level] = self.basis;
+        let [bx, bxx, bxy, by, byx, byy, one, level, along, down] = self.basis;
         for row in 0..height {
             let y = (row as f32 - 0.5 * (height as f32 - 1.0)) / half;
             let above = &samples[row * columns..][..columns];
@@ -266,12 +374,34 @@ impl Kernel for Differentiate<'_> {
     }
 }
 
+/// How many of the unknowns a lighting model has, from the first one on.
+#[derive(Debug, Clone, Copy)]
+enum Unknowns {
+    Motion,
+    Offset,
+    Gain,
+    All,
+}
+
+impl Unknowns {
+    fn of(light: Light) -> Self {
+        match (light.has_tilt(), light.has_gain(), light.has_offset()) {
+            (true, ..) => Self::All,
+            (false, true, _) => Self::Gain,
+            (false, false, true) => Self::Offset,
+            (false, false, false) => Self::Motion,
+        }
+    }
+}
+
 /// Sums of the difference `samples - template` with each unknown's change, and squared.
 struct Project<'a> {
     samples: &'a [f32; ROOM],
     template: &'a [f32; ROOM],
     basis: &'a Basis,
+    keep: Option<&'a [f32; ROOM]>,
     count: usize,
+    unknowns: Unknowns,
 }
 
 impl EightKernel for Project<'_> {
@@ -279,23 +409,42 @@ impl EightKernel for Project<'_> {
 
     #[inline(always)]
     fn run<L: Eight>(self) -> Self::Output {
-        let (mut sums, mut squared) = ([L::zero(); UNKNOWNS], L::zero());
+        match self.unknowns {
+            Unknowns::Motion => self.sums::<L, 6>(),
+            Unknowns::Offset => self.sums::<L, 7>(),
+            Unknowns::Gain => self.sums::<L, 8>(),
+            Unknowns::All => self.sums::<L, UNKNOWNS>(),
+        }
+    }
+}
+
+impl Project<'_> {
+    #[inline(always)]
+    fn sums<L: Eight, const N: usize>(&self) -> ([f64; UNKNOWNS], f64) {
+        let (mut sums, mut squared) = ([L::zero(); N], L::zero());
         for at in (0..self.count).step_by(EIGHT) {
-            let mask = L::first(self.count - at);
+            let mut mask = L::first(self.count - at);
+            if let Some(keep) = self.keep {
+                mask = mask.keep(L::load(keep, at));
+            }
             let d = (L::load(self.samples, at) - L::load(self.template, at)).keep(mask);
             for (sum, basis) in sums.iter_mut().zip(self.basis) {
                 *sum += d * L::load(basis, at);
             }
             squared += d * d;
         }
-        (L::sums(&sums), squared.sum())
+        let mut all = [0.0; UNKNOWNS];
+        all[..N].copy_from_slice(&L::sums(&sums));
+        (all, squared.sum())
     }
 }
 
 /// Sums of the products of what the unknowns change.
 struct Square<'a> {
     basis: &'a Basis,
+    keep: Option<&'a [f32; ROOM]>,
     count: usize,
+    unknowns: Unknowns,
 }
 
 impl EightKernel for Square<'_> {
@@ -303,12 +452,29 @@ impl EightKernel for Square<'_> {
 
     #[inline(always)]
     fn run<L: Eight>(self) -> Self::Output {
+        match self.unknowns {
+            Unknowns::Motion => self.sums::<L, 6>(),
+            Unknowns::Offset => self.sums::<L, 7>(),
+            Unknowns::Gain => self.sums::<L, 8>(),
+            Unknowns::All => self.sums::<L, UNKNOWNS>(),
+        }
+    }
+}
+
+impl Square<'_> {
+    /// The contrast of a window is told without an offset and a gain too: their sums are made for every model.
+    #[inline(always)]
+    fn sums<L: Eight, const N: usize>(&self) -> [[f64; UNKNOWNS]; UNKNOWNS] {
         let mut sums = [[0.0; UNKNOWNS]; UNKNOWNS];
         for (row, (line, sums)) in self.basis.iter().zip(&mut sums).enumerate() {
+            let last = if row < 6 { N } else { UNKNOWNS };
             let mut products = [L::zero(); UNKNOWNS];
             for at in (0..self.count).step_by(EIGHT) {
-                let value = L::load(line, at);
-                for (product, other) in products[row..].iter_mut().zip(&self.basis[row..]) {
+                let mut value = L::load(line, at);
+                if let Some(keep) = self.keep {
+                    value = value.keep(L::load(keep, at));
+                }
+                for (product, other) in products[row..last].iter_mut().zip(&self.basis[row..last]) {
                     *product += value * L::load(other, at);
                 }
             }
@@ -331,7 +497,7 @@ impl Step {
     fn new(normal: &Factor, sums: &[f64; UNKNOWNS], squared: f64) -> Self {
         let found = normal.solve(sums);
         let explained: f64 = found.iter().zip(sums).map(|(a, b)| a * b).sum();
-        let gain = 1.0 + found[9];
+        let gain = 1.0 + found[7];
         let usable = gain.clamp(GAIN_RANGE.0, GAIN_RANGE.1);
         Self {
             by: found.map(|unknown| unknown / usable),
@@ -365,6 +531,31 @@ impl Step {
     }
 }
 
+/// Sum of the squares of the intensity without what an offset and its slopes explain, one after the other.
+fn contrast(sums: &[[f64; UNKNOWNS]; UNKNOWNS]) -> f64 {
+    let [one, level, along, down] = [6, 7, 8, 9];
+    let of = |a: usize, b: usize| sums[a.min(b)][a.max(b)];
+    let mut left = of(level, level);
+    // Orthogonal to those before: the sum with the level, and its own square.
+    let share = of(one, level) / of(one, one);
+    left -= share * of(one, level);
+    let mean = [along, down].map(|slope| of(one, slope) / of(one, one));
+    let with_level =
+        [0, 1].map(|axis| of([along, down][axis], level) - mean[axis] * of(one, level));
+    let square = |i: usize, j: usize| {
+        of([along, down][i], [along, down][j]) - mean[i] * of(one, [along, down][j])
+    };
+    let (xx, xy, yy) = (square(0, 0), square(0, 1), square(1, 1));
+    if xx > 0.0 {
+        left -= with_level[0] * with_level[0] / xx;
+        let (rest, with) = (yy - xy * xy / xx, with_level[1] - xy / xx * with_level[0]);
+        if rest > 1e-9 * yy {
+            left -= with * with / rest;
+        }
+    }
+    left.max(0.0)
+}
+
 /// The normal equations of a template, factored: U'U of the unknowns that the lighting model has.
 struct Factor {
     active: [bool; UNKNOWNS],
@@ -381,15 +572,10 @@ impl Factor {
     fn new(sums: &[[f64; UNKNOWNS]; UNKNOWNS], light: Light) -> Option<Self> {
         let mut active = [true; UNKNOWNS];
         active[6] = light.has_offset();
-        active[7] = light.has_tilt();
+        active[7] = light.has_gain();
         active[8] = light.has_tilt();
-        active[9] = light.has_gain();
-        let contrast = {
-            let [ones, along, down] = [sums[6][9], sums[7][9], sums[8][9]];
-            let explained =
-                ones * ones / sums[6][6] + along * along / sums[7][7] + down * down / sums[8][8];
-            (sums[9][9] - explained).max(0.0)
-        };
+        active[9] = light.has_tilt();
+        let contrast = contrast(sums);
         let mut upper = [[0.0; UNKNOWNS]; UNKNOWNS];
         for row in 0..UNKNOWNS {
             if !active[row] {

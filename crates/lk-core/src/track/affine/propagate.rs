@@ -7,19 +7,20 @@ use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
 use crate::parallel::{RowsMut, for_each_band};
 use crate::track::POINTS;
-use crate::track::affine::Aligner;
-use crate::track::deform::{Found, Starts};
-use crate::track::doubt::doubt;
-use crate::track::grid::{Grid, NEIGHBOURS};
-use crate::track::options::TrackedPoint;
-use crate::track::search::{Search, SearchMemory};
+use crate::track::affine::align::Aligner;
+use crate::track::affine::attempt::{Found, Starts};
+use crate::track::affine::candidates::candidates;
+use crate::track::affine::fit::Fit;
+use crate::track::affine::search::{Search, SearchMemory};
+use crate::track::affine::warp::Warp;
+use crate::track::consensus::{AGREEING, WITNESSES, agrees};
+use crate::track::neighbours::{Grid, NEIGHBOURS};
+use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::solve::Problem;
-use crate::track::warp::Warp;
-use crate::track::witness::{AGREEING, WITNESSES, agrees};
 
 /// Rounds in which found points help their neighbours, and tries for one point.
 const ROUNDS: usize = 48;
-const MAX_TRIES: u8 = 5;
+const MAX_TRIES: u8 = 3;
 
 /// How far a motion leads beyond its window, in windows.
 const REACH: f32 = 5.0;
@@ -29,7 +30,13 @@ const CELLS: (usize, usize) = (6, 4);
 const SEARCHES: usize = 2;
 
 /// Of the points that are searched for, so many come first.
-const FIRST_CELLS: usize = 7;
+const FIRST_CELLS: usize = 4;
+
+/// Neighbours whose motion is fitted by an affine one.
+const FITTED: usize = 6;
+
+/// How far, in pixels, a window that lies partly outside may be from where the points around lead.
+const MOST_APART: f64 = 0.5;
 
 /// The levels from which a neighbour's motion, and a point's own displacement, are followed down.
 const NEAR_LEVEL: usize = 1;
@@ -58,7 +65,7 @@ struct State {
 
 /// Memory that is kept from frame to frame.
 #[derive(Debug, Default)]
-pub(super) struct Deformed {
+pub(in crate::track) struct Deformed {
     states: Vec<State>,
     open: Vec<u32>,
     /// The open points while a few of them are searched for.
@@ -81,7 +88,7 @@ struct Attempt {
 
 impl Deformed {
     /// Make room for so many points.
-    pub(super) fn reserve(&mut self, points: usize) -> Result<()> {
+    pub(in crate::track) fn reserve(&mut self, points: usize) -> Result<()> {
         reserve(POINTS, &mut self.states, points)?;
         reserve(POINTS, &mut self.open, points)?;
         reserve(POINTS, &mut self.waiting, points)?;
@@ -94,13 +101,13 @@ impl Deformed {
     }
 
     /// Look again for the points of `tracks` that are lost or doubtful.
-    pub(super) fn find(
+    pub(in crate::track) fn find(
         &mut self,
         problem: &Problem<'_>,
         points: &[[f32; 2]],
         tracks: &mut [TrackedPoint],
     ) -> Result<()> {
-        if !doubt(problem, points, tracks, &mut self.grid, &mut self.open)? {
+        if !candidates(problem, points, tracks, &mut self.grid, &mut self.open)? {
             return Ok(());
         }
         let state = |(track, point): (&TrackedPoint, &[f32; 2])| State {
@@ -137,7 +144,9 @@ impl Deformed {
             self.spread(problem, points, tracks, reach)?;
         }
         self.search = memory;
-        self.confirm(problem, points, tracks)
+        self.confirm(problem, points, tracks)?;
+        self.reject_partial(problem, points, tracks);
+        Ok(())
     }
 
     /// Follow the motion of found points to their open neighbours, until nothing is found any more.
@@ -158,22 +167,40 @@ impl Deformed {
                 let mut followed = [NONE; NEIGHBOURS];
                 let mut leaves = state.leaves;
                 if state.tries < MAX_TRIES {
-                    let near = grid.nearest::<NEIGHBOURS>(points, point);
+                    let mut fresh = false;
+                    let mut nearest = None;
+                    let mut fit = Fit::default();
+                    let near = grid.nearest::<FITTED>(points, point);
                     for (place, (distance, near)) in near.enumerate() {
-                        followed[place] = near as u32;
-                        if distance > reach || state.followed.contains(&(near as u32)) {
+                        let Some(warp) = states[near].warp else {
+                            continue;
+                        };
+                        if place < NEIGHBOURS {
+                            followed[place] = near as u32;
+                        }
+                        if distance > reach {
                             continue;
                         }
-                        if let Some(warp) = states[near].warp {
-                            let from = points[near];
-                            let offset = [point[0] - from[0], point[1] - from[1]].map(f64::from);
-                            let warp = warp.moved(offset);
-                            let [x, y] = warp.shift.map(|part| part as f32);
-                            if problem.holds([point[0] + x, point[1] + y]) {
-                                starts.add(warp, NEAR_LEVEL);
-                            } else {
-                                leaves = true;
-                            }
+                        fresh |= place < NEIGHBOURS && !state.followed.contains(&(near as u32));
+                        let from = points[near];
+                        let offset = [from[0] - point[0], from[1] - point[1]].map(f64::from);
+                        fit.add(offset, warp.shift);
+                        if nearest.is_none() {
+                            let moved = warp.moved(offset.map(|part| -part));
+                            nearest = Some((moved, states[near].deformed));
+                        }
+                    }
+                    // What the points around say together leads further than what one of them does.
+                    let mut guesses = [fit.warp(), nearest.map(|(warp, _)| warp)];
+                    if nearest.is_some_and(|(_, deformed)| deformed) {
+                        guesses.swap(0, 1);
+                    }
+                    for warp in guesses.into_iter().flatten().filter(|_| fresh) {
+                        let [x, y] = warp.shift.map(|part| part as f32);
+                        if problem.holds([point[0] + x, point[1] + y]) {
+                            starts.add(warp, NEAR_LEVEL);
+                        } else {
+                            leaves = true;
                         }
                     }
                     if round == 0 && state.tries == 0 && state.before.is_valid() {
@@ -246,7 +273,9 @@ impl Deformed {
         let take = |states: &[State], _: &Grid, index: usize, aligner: &mut Aligner| {
             let point = points[index];
             let mut starts = Starts::new();
-            search.find(point, |warp| starts.add(warp, search.level()))?;
+            search.find(point, &mut aligner.copied, |warp| {
+                starts.add(warp, search.level());
+            })?;
             let state = &states[index];
             Ok(Attempt {
                 tried: true,
@@ -367,5 +396,49 @@ impl Deformed {
             }
         }
         Ok(())
+    }
+
+    /// Take back displacements of windows that lie partly outside, where the points around turn, grow or shear: they are
+    /// those of the middle of what is left, not of the point.
+    fn reject_partial(
+        &self,
+        problem: &Problem<'_>,
+        points: &[[f32; 2]],
+        tracks: &mut [TrackedPoint],
+    ) {
+        let half = 0.5 * problem.options.window_side() as f32 + 1.0;
+        let (width, height) = problem.size();
+        let last = [width as f32 - 1.0, height as f32 - 1.0];
+        let partial = |at: [f32; 2]| {
+            (0..2).any(|axis: usize| at[axis] < half || at[axis] > last[axis] - half)
+        };
+        for (index, point) in points.iter().enumerate() {
+            let track = &tracks[index];
+            let plain = track.is_valid() && !self.states[index].deformed;
+            if !plain || !(partial(*point) || partial(track.position)) {
+                continue;
+            }
+            let mut fit = Fit::default();
+            for (_, near) in self.grid.nearest::<FITTED>(points, *point) {
+                let State { warp, deformed, .. } = self.states[near];
+                if let Some(warp) = warp.filter(|_| deformed) {
+                    let from = points[near];
+                    fit.add(
+                        [from[0] - point[0], from[1] - point[1]].map(f64::from),
+                        warp.shift,
+                    );
+                }
+            }
+            let own = track.displacement(*point);
+            let differs =
+                |warp: Warp| (warp.shift[0] - own[0]).hypot(warp.shift[1] - own[1]) > MOST_APART;
+            if fit.warp().is_some_and(differs) {
+                tracks[index] = TrackedPoint {
+                    residual: track.residual,
+                    forward_backward: track.forward_backward,
+                    ..TrackedPoint::lost(PointStatus::HighResidual)
+                };
+            }
+        }
     }
 }

@@ -1,0 +1,656 @@
+//! Which pixels of a frame count: inside of it, not masked, finite, and not clipped at either end.
+
+use ndarray::ArrayView2;
+
+use crate::error::Result;
+use crate::execution::Execution;
+use crate::frame::{Frame, Pixel, Plane, expect_size};
+use crate::grey::Greys;
+use crate::memory::{replace, resize, zeros};
+use crate::parallel::{RowsMut, for_each_band};
+use crate::simd::{Kernel, Level, dispatch};
+
+/// Which pixels of both frames may be used: true where one counts.
+///
+/// A pixel is used where it counts and where its target does. An overlay that is fixed to the sensor is given as both.
+///
+/// ```
+/// use lk_core::Masks;
+/// use ndarray::Array2;
+///
+/// let mut keep = Array2::from_elem((48, 64), true);
+/// keep.slice_mut(ndarray::s![..8, ..]).fill(false);
+/// let fixed = Masks::default().prev(keep.view()).next(keep.view());
+/// assert!(fixed.of_prev().is_some() && Masks::default().of_next().is_none());
+/// ```
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Masks<'a> {
+    prev: Option<ArrayView2<'a, bool>>,
+    next: Option<ArrayView2<'a, bool>>,
+}
+
+impl<'a> Masks<'a> {
+    /// Those of `prev` that count.
+    #[must_use]
+    pub fn prev(self, mask: impl Into<Option<ArrayView2<'a, bool>>>) -> Self {
+        Self {
+            prev: mask.into(),
+            ..self
+        }
+    }
+
+    /// Those of `next` that count.
+    #[must_use]
+    pub fn next(self, mask: impl Into<Option<ArrayView2<'a, bool>>>) -> Self {
+        Self {
+            next: mask.into(),
+            ..self
+        }
+    }
+
+    /// The mask of `prev`.
+    #[must_use]
+    pub fn of_prev(&self) -> Option<ArrayView2<'a, bool>> {
+        self.prev
+    }
+
+    /// The mask of `next`.
+    #[must_use]
+    pub fn of_next(&self) -> Option<ArrayView2<'a, bool>> {
+        self.next
+    }
+
+    /// Hold both to the (rows, columns) of the frames.
+    pub(crate) fn expect_size(&self, frames: (usize, usize)) -> Result<()> {
+        for (name, mask) in [("mask", self.prev), ("next_mask", self.next)] {
+            if let Some(mask) = mask {
+                expect_size(name, mask.dim(), "the frames", frames)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A pixel that is masked, not finite, or outside of the frame.
+pub(crate) const ABSENT: u8 = 0;
+/// A pixel at an end of the range, where grey levels pile up: it was brighter or darker than it says.
+pub(crate) const CLIPPED: u8 = 1;
+/// A pixel that counts.
+pub(crate) const COUNTS: u8 = 2;
+
+/// What memory for pixels holds.
+const FRAME: &str = "which pixels count";
+
+/// Pixels along a side of the tiles that are known to count as a whole.
+const TILE: usize = 16;
+
+/// Columns of the widest window that is looked at, its filter's reach among them.
+const MOST_COLUMNS: usize = 80;
+
+/// Weight out of 256 that must count below a pixel of the next level.
+const LEAST_WEIGHT: u16 = 192;
+
+/// Of so many pixels, and of this share of the frame, an end of the range must be made up for it to be a limit.
+const LEAST_PILE: usize = 16;
+const PILE_SHARE: f64 = 0.001;
+
+/// Where grey levels are cut off, slopes lead to them: of the steps from a limit to its neighbour in the row so large a
+/// share is below this share of the range. The edges of flat shapes in black and white are jumps.
+const SOFT_SHARE: f64 = 0.25;
+const SOFT_STEP: f32 = 0.125;
+
+/// For each pixel of a frame, or of one level of its pyramid, whether it counts: [`ABSENT`], [`CLIPPED`] or [`COUNTS`].
+/// The worse is the smaller, so that a filter's support is the least of its pixels'.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Support {
+    width: usize,
+    height: usize,
+    /// First and last but one column, and row, that are made of pixels of the frame alone.
+    inner: [(usize, usize); 2],
+    /// All rows; empty where every pixel of `inner` counts.
+    bytes: Vec<u8>,
+    /// Whether one of them is [`ABSENT`].
+    absent: bool,
+    /// Tiles that hold a pixel that does not count.
+    broken: Vec<bool>,
+}
+
+impl Support {
+    /// All pixels of a frame of this size.
+    pub(crate) fn whole(width: usize, height: usize) -> Self {
+        let mut support = Self::default();
+        support.fill_whole(width, height);
+        support
+    }
+
+    fn fill_whole(&mut self, width: usize, height: usize) {
+        (self.width, self.height) = (width, height);
+        self.inner = [(0, width), (0, height)];
+        self.bytes.clear();
+        self.broken.clear();
+        self.absent = false;
+    }
+
+    /// Put into each pixel of `plane` that is absent the last one of its row that is not, or else the first one, or else
+    /// what the row beside it has: filters then meet no edge there and no NaN.
+    pub(crate) fn fill(&self, plane: &mut Plane) {
+        if !self.absent {
+            return;
+        }
+        let there = |y: usize| self.row(y).iter().position(|byte| *byte != ABSENT);
+        let Some(top) = (0..self.height).find(|y| there(*y).is_some()) else {
+            plane.data_mut().fill(0.0);
+            return;
+        };
+        let mut source = top;
+        for y in (top..self.height).chain((0..top).rev()) {
+            if let Some(first) = there(y) {
+                let row = plane.row_mut(y);
+                let mut last = row[first];
+                for (value, byte) in row.iter_mut().zip(self.row(y)) {
+                    if *byte == ABSENT {
+                        *value = last;
+                    } else {
+                        last = *value;
+                    }
+                }
+                source = y;
+            } else {
+                let from = if y < top { y + 1 } else { source };
+                let start = from * plane.width();
+                let row = start..start + plane.width();
+                let to = y * plane.width();
+                plane.data_mut().copy_within(row, to);
+                source = y;
+            }
+        }
+    }
+
+    /// Take those of `frame` that `mask` keeps, that are finite, and that are not clipped; memory is kept.
+    ///
+    /// # Errors
+    ///
+    /// Those of the execution.
+    pub(crate) fn take<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        mask: Option<ArrayView2<'_, bool>>,
+        execution: &Execution,
+    ) -> Result<()> {
+        let greys = Greys::of(frame);
+        self.take_within(frame, mask, &greys, limits(frame, &greys), execution)
+    }
+
+    /// The same, clipped pixels among them.
+    ///
+    /// # Errors
+    ///
+    /// Those of the execution.
+    pub(crate) fn take_present<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        mask: Option<ArrayView2<'_, bool>>,
+        execution: &Execution,
+    ) -> Result<()> {
+        self.take_within(frame, mask, &Greys::of(frame), [None; 2], execution)
+    }
+
+    fn take_within<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        mask: Option<ArrayView2<'_, bool>>,
+        greys: &Greys,
+        limits: [Option<f32>; 2],
+        execution: &Execution,
+    ) -> Result<()> {
+        let (height, width) = frame.dim();
+        self.fill_whole(width, height);
+        if mask.is_none() && greys.is_finite() && limits == [None; 2] || width * height == 0 {
+            return Ok(());
+        }
+        let low = limits[0].unwrap_or(f32::NEG_INFINITY);
+        let high = limits[1].unwrap_or(f32::INFINITY);
+        resize(FRAME, &mut self.bytes, width * height, COUNTS)?;
+        for_each_band(
+            execution,
+            height,
+            (65_536 / width).max(1),
+            RowsMut::new(&mut self.bytes, width),
+            |rows, mut part| {
+                for (local, y) in rows.enumerate() {
+                    let row = part.row_mut(local);
+                    for (to, value) in row.iter_mut().zip(frame.row(y)) {
+                        let value = value.to_f32();
+                        *to = if !value.is_finite() {
+                            ABSENT
+                        } else if value <= low || value >= high {
+                            CLIPPED
+                        } else {
+                            COUNTS
+                        };
+                    }
+                    if let Some(mask) = mask {
+                        for (to, keep) in row.iter_mut().zip(mask.row(y)) {
+                            if !keep {
+                                *to = ABSENT;
+                            }
+                        }
+                    }
+                }
+            },
+        )?;
+        self.find_tiles()
+    }
+
+    /// Find the tiles that are not whole; without one, all pixels count.
+    fn find_tiles(&mut self) -> Result<()> {
+        let (columns, rows) = (self.width.div_ceil(TILE), self.height.div_ceil(TILE));
+        self.broken.clear();
+        resize(FRAME, &mut self.broken, columns * rows, false)?;
+        let mut whole = true;
+        for (y, row) in self.bytes.chunks_exact(self.width.max(1)).enumerate() {
+            for (tile, pixels) in row.chunks(TILE).enumerate() {
+                let least = pixels.iter().fold(COUNTS, |least, byte| least.min(*byte));
+                if least != COUNTS {
+                    self.broken[y / TILE * columns + tile] = true;
+                    whole = false;
+                }
+                self.absent |= least == ABSENT;
+            }
+        }
+        if whole {
+            self.bytes.clear();
+            self.broken.clear();
+        }
+        Ok(())
+    }
+
+    /// Take the support of the next coarser level of a pyramid, see [`crate::Pyramid`]: a pixel counts there if at least
+    /// three quarters of what it is made of is there. Clipping is told on the finest level alone.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::Error::Memory`].
+    pub(crate) fn reduce(&mut self, finer: &Self) -> Result<()> {
+        let size = [finer.width.div_ceil(2), finer.height.div_ceil(2)];
+        self.fill_whole(size[0], size[1]);
+        // A tap at the far end has a sixteenth of the weight, the one before it a quarter.
+        self.inner = finer.inner.map(|(first, end)| {
+            let first = first.div_ceil(2) + usize::from(first % 2 == 0);
+            (first, (end / 2).max(first))
+        });
+        if !finer.absent {
+            return Ok(());
+        }
+        let (width, height) = (self.width, self.height);
+        resize(FRAME, &mut self.bytes, width * height, COUNTS)?;
+        let mut down = zeros::<u16>(FRAME, finer.width)?;
+        for y in 0..height {
+            down.fill(0);
+            for (tap, weight) in [1u16, 4, 6, 4, 1].into_iter().enumerate() {
+                let Some(row) = (2 * y + tap).checked_sub(2).filter(|y| *y < finer.height) else {
+                    continue;
+                };
+                for (sum, byte) in down.iter_mut().zip(finer.row(row)) {
+                    *sum += weight * u16::from((*byte).min(1));
+                }
+            }
+            for x in 0..width {
+                let mut sum = 0;
+                for (tap, weight) in [1u16, 4, 6, 4, 1].into_iter().enumerate() {
+                    let at = (2 * x + tap).checked_sub(2);
+                    sum += weight * at.and_then(|at| down.get(at)).copied().unwrap_or(0);
+                }
+                if sum < LEAST_WEIGHT {
+                    self.bytes[y * width + x] = ABSENT;
+                }
+            }
+        }
+        self.find_tiles()
+    }
+
+    /// Whether every pixel of the frame counts.
+    #[cfg(test)]
+    fn is_whole(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
+    /// What each pixel is, row by row; empty where all count.
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Take what each pixel of a frame of this size is, as [`Support::bytes`] gives it.
+    ///
+    /// # Errors
+    ///
+    /// [`crate::Error::Memory`].
+    pub(crate) fn take_bytes(
+        &mut self,
+        (width, height): (usize, usize),
+        bytes: &[u8],
+    ) -> Result<()> {
+        self.fill_whole(width, height);
+        replace(
+            FRAME,
+            &mut self.bytes,
+            bytes.iter().map(|byte| (*byte).min(COUNTS)),
+        )?;
+        self.find_tiles()
+    }
+
+    /// Whether some pixels are [`ABSENT`].
+    pub(crate) fn has_absent(&self) -> bool {
+        self.absent
+    }
+
+    /// Row `y`: what each pixel is; empty where all count.
+    pub(crate) fn row(&self, y: usize) -> &[u8] {
+        if self.bytes.is_empty() {
+            &[]
+        } else {
+            &self.bytes[y * self.width..][..self.width]
+        }
+    }
+
+    /// What the pixel at (x, y) is.
+    #[cfg(test)]
+    fn at(&self, x: isize, y: isize) -> u8 {
+        let within = [x, y].into_iter().zip(self.inner);
+        let inside = within
+            .map(|(at, (first, end))| at >= first as isize && at < end as isize)
+            .fold(true, |all, inside| all & inside);
+        if !inside {
+            ABSENT
+        } else if self.bytes.is_empty() {
+            COUNTS
+        } else {
+            self.bytes[y as usize * self.width + x as usize]
+        }
+    }
+
+    /// Whether all `columns` by `rows` pixels from (x, y) on count.
+    #[inline(always)]
+    pub(crate) fn holds(&self, (x, y): (isize, isize), columns: usize, rows: usize) -> bool {
+        let [(left, right), (top, bottom)] = self.inner;
+        x >= left as isize
+            && y >= top as isize
+            && x + columns as isize <= right as isize
+            && y + rows as isize <= bottom as isize
+            && (self.bytes.is_empty() || self.has_whole((x as usize, y as usize), columns, rows))
+    }
+
+    /// [`Support::holds`] where clipped pixels count too.
+    pub(crate) fn has_all(&self, place: (isize, isize), columns: usize, rows: usize) -> bool {
+        if self.absent {
+            return self.holds(place, columns, rows);
+        }
+        let [(left, right), (top, bottom)] = self.inner;
+        place.0 >= left as isize
+            && place.1 >= top as isize
+            && place.0 + columns as isize <= right as isize
+            && place.1 + rows as isize <= bottom as isize
+    }
+
+    /// [`Support::holds`] for pixels of the frame.
+    fn has_whole(&self, (x, y): (usize, usize), columns: usize, rows: usize) -> bool {
+        if columns == 0 || rows == 0 {
+            return true;
+        }
+        let across = self.width.div_ceil(TILE);
+        let tiles = y / TILE..(y + rows - 1) / TILE + 1;
+        let whole = tiles.clone().all(|row| {
+            let tiles = x / TILE..(x + columns - 1) / TILE + 1;
+            !self.broken[row * across..][tiles].contains(&true)
+        });
+        whole
+            || (y..y + rows).all(|y| {
+                let pixels = &self.row(y)[x..x + columns];
+                pixels.iter().fold(COUNTS, |least, byte| least.min(*byte)) == COUNTS
+            })
+    }
+
+    /// The least of what a filter finds that reaches `before` and `after` each of `columns` by `rows` samples, the first of
+    /// which reads the pixels `reads`, from one to another along x and y; true where all of it counts. Otherwise it stands
+    /// in `to`, row by row, which has room for the filter's reach.
+    pub(crate) fn least(
+        &self,
+        [x, y]: [[isize; 2]; 2],
+        (width, height): (usize, usize),
+        [before, after]: [isize; 2],
+        to: &mut [u8],
+    ) -> bool {
+        let reach = [x, y].map(|[low, high]| (high - low + before + after) as usize);
+        let place = (x[0] - before, y[0] - before);
+        let (columns, rows) = (width + reach[0], height + reach[1]);
+        if self.holds(place, columns, rows) {
+            return true;
+        }
+        let region = &mut to[..columns * rows];
+        self.window(place, columns, region);
+        // Along the rows, then down the columns: what is written was read before.
+        let mut line = [ABSENT; MOST_COLUMNS];
+        for row in 0..rows {
+            line[..columns].copy_from_slice(&region[row * columns..][..columns]);
+            let least = &mut region[row * width..][..width];
+            least.copy_from_slice(&line[..width]);
+            for tap in 1..=reach[0] {
+                for (least, byte) in least.iter_mut().zip(&line[tap..]) {
+                    *least = (*least).min(*byte);
+                }
+            }
+        }
+        for row in 0..height {
+            let (above, below) = region.split_at_mut((row + 1) * width);
+            let least = &mut above[row * width..];
+            for tap in 0..reach[1] {
+                for (least, byte) in least.iter_mut().zip(&below[tap * width..]) {
+                    *least = (*least).min(*byte);
+                }
+            }
+        }
+        false
+    }
+
+    /// What the pixels from (x, y) on are, in rows of `columns`.
+    pub(crate) fn window(&self, (x, y): (isize, isize), columns: usize, to: &mut [u8]) {
+        to.fill(ABSENT);
+        let [(left, right), (top, bottom)] = self.inner;
+        let first = (left as isize - x).clamp(0, columns as isize) as usize;
+        let end = (right as isize - x).clamp(first as isize, columns as isize) as usize;
+        for (row, to) in to.chunks_exact_mut(columns).enumerate() {
+            let y = y + row as isize;
+            if y < top as isize || y >= bottom as isize || first == end {
+                continue;
+            }
+            let start = (x + first as isize) as usize;
+            match self.row(y as usize) {
+                [] => to[first..end].fill(COUNTS),
+                bytes => to[first..end].copy_from_slice(&bytes[start..start + end - first]),
+            }
+        }
+    }
+}
+
+/// The least and the largest grey level where those of `frame` are cut off.
+///
+/// Bytes are cut off at 0 and 255. Deeper types hold the grey levels of sensors of many depths, and floats any range: the
+/// ends are those of the frame. At either end there must be a pile of them, with slopes that lead to it.
+fn limits<T: Pixel>(frame: Frame<'_, T>, greys: &Greys) -> [Option<f32>; 2] {
+    let Some([low, high]) = greys.extremes() else {
+        return [None; 2];
+    };
+    let reached = |end: f32, limit: f32| T::DEPTH != Some(8) || end == limit;
+    let soft = SOFT_STEP * (high - low);
+    [(low, 0.0), (high, 255.0)].map(|(end, limit)| {
+        (reached(end, limit) && high > low && piles_up(frame, end, soft)).then_some(end)
+    })
+}
+
+/// Whether grey levels pile up at `end`, within slopes whose steps are at most `soft`.
+fn piles_up<T: Pixel>(frame: Frame<'_, T>, end: f32, soft: f32) -> bool {
+    let least = (PILE_SHARE * frame.len() as f64).max(LEAST_PILE as f64);
+    let mut found = Pile::default();
+    for row in frame.rows() {
+        let part = match row.as_slice() {
+            Some(row) => dispatch(Level::detected(), Count { row, end }),
+            None => row
+                .iter()
+                .map(|value| u32::from(value.to_f32() == end))
+                .sum(),
+        };
+        found.pixels += part as usize;
+    }
+    if (found.pixels as f64) < least {
+        return false;
+    }
+    for row in frame.rows() {
+        let mut last = f32::NAN;
+        for value in row {
+            let value = value.to_f32();
+            let step = (value - last).abs();
+            let is_step = step > 0.0 && (value == end || last == end);
+            found.steps += u32::from(is_step);
+            found.gentle += u32::from(is_step && step <= soft);
+            last = value;
+        }
+    }
+    found.gentle > 0 && f64::from(found.gentle) >= SOFT_SHARE * f64::from(found.steps)
+}
+
+/// Pixels at an end of the range, steps from them to others in the row, and those that are gentle.
+#[derive(Debug, Default)]
+struct Pile {
+    pixels: usize,
+    steps: u32,
+    gentle: u32,
+}
+
+/// How many pixels of a row have this grey level.
+struct Count<'a, T> {
+    row: &'a [T],
+    end: f32,
+}
+
+impl<T: Pixel> Kernel for Count<'_, T> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn run(self) -> u32 {
+        let mut count = 0;
+        for value in self.row {
+            count += u32::from(value.to_f32() == self.end);
+        }
+        count
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array2;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn support<T: Pixel>(frame: &Array2<T>, mask: Option<&Array2<bool>>) -> Support {
+        let mut support = Support::default();
+        let mask = mask.map(|mask| mask.view());
+        support
+            .take(frame.view(), mask, &Execution::default())
+            .unwrap();
+        support
+    }
+
+    proptest! {
+        #[test]
+        fn windows_are_the_pixels_themselves(
+            height in 1usize..40, width in 1usize..60, x in -9isize..50, y in -9isize..50,
+            columns in 1usize..30, rows in 1usize..30, seed in any::<u32>(), share in 0u32..40,
+        ) {
+            let random = |x: usize, y: usize| {
+                (x as u32 * 7919 + y as u32 * 104_729 + seed).wrapping_mul(2_654_435_761) >> 16
+            };
+            let frame = Array2::from_shape_fn((height, width), |(y, x)| {
+                if random(x, y) % 997 < share { f32::NAN } else { (x + y) as f32 }
+            });
+            let mask = Array2::from_shape_fn((height, width), |(y, x)| random(y + 99, x) % 991 >= share);
+            let found = support(&frame, Some(&mask));
+            let counts = |x: isize, y: isize| {
+                let inside = x >= 0 && y >= 0 && x < width as isize && y < height as isize;
+                inside && mask[(y as usize, x as usize)] && frame[(y as usize, x as usize)].is_finite()
+            };
+            let mut window = vec![7; columns * rows];
+            found.window((x, y), columns, &mut window);
+            for row in 0..rows {
+                for column in 0..columns {
+                    let (x, y) = (x + column as isize, y + row as isize);
+                    prop_assert_eq!(found.at(x, y), window[row * columns + column]);
+                    prop_assert_eq!(window[row * columns + column] == COUNTS, counts(x, y));
+                }
+            }
+            let all = window.iter().all(|byte| *byte == COUNTS);
+            prop_assert_eq!(found.holds((x, y), columns, rows), all);
+        }
+
+        #[test]
+        fn a_coarser_pixel_counts_where_most_of_it_does(
+            height in 1usize..30, width in 1usize..30, seed in any::<u32>(), share in 0u32..300,
+        ) {
+            let mask = Array2::from_shape_fn((height, width), |(y, x)| {
+                ((x as u32 * 7919 + y as u32 * 104_729 + seed).wrapping_mul(2_654_435_761) >> 16) % 997 >= share
+            });
+            let frame = Array2::from_shape_fn((height, width), |(y, x)| (x * y) as f32);
+            let finer = support(&frame, Some(&mask));
+            let mut coarser = Support::default();
+            coarser.reduce(&finer).unwrap();
+            for y in 0..height.div_ceil(2) {
+                for x in 0..width.div_ceil(2) {
+                    let mut weight = 0;
+                    for (j, wy) in [1, 4, 6, 4, 1].into_iter().enumerate() {
+                        for (i, wx) in [1, 4, 6, 4, 1].into_iter().enumerate() {
+                            let at = [(2 * x + i) as isize - 2, (2 * y + j) as isize - 2];
+                            weight += wx * wy * i32::from(finer.at(at[0], at[1]) != ABSENT);
+                        }
+                    }
+                    // At the frame's border a whole side is missing, however much of the rest is there.
+                    let inner = |at: usize, size: usize| at > 0 && 2 * at + 1 < size;
+                    let want = weight >= i32::from(LEAST_WEIGHT) && inner(x, width) && inner(y, height);
+                    prop_assert_eq!(coarser.at(x as isize, y as isize) == COUNTS, want, "{} {}", x, y);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn grey_levels_that_are_cut_off_are_told_from_flat_shapes() {
+        let slope =
+            |x: usize, y: usize| 180.0 + 120.0 * (x as f32 * 0.2).sin() * (y as f32 * 0.15).cos();
+        let scene = Array2::from_shape_fn((60, 80), |(y, x)| slope(x, y));
+        let bytes = scene.mapv(|grey| grey.min(255.0) as u8);
+        let deep = scene.mapv(|grey| (grey * 16.0).min(4095.0) as u16);
+        let float = scene.mapv(|grey| (grey / 255.0).min(1.0));
+        for (found, name) in [
+            (support(&bytes, None), "u8"),
+            (support(&deep, None), "u16"),
+            (support(&float, None), "f32"),
+        ] {
+            for ((y, x), grey) in scene.indexed_iter() {
+                let want = if *grey >= 255.95 { CLIPPED } else { COUNTS };
+                if (grey - 255.5).abs() > 0.6 {
+                    assert_eq!(
+                        found.at(x as isize, y as isize),
+                        want,
+                        "{name} {x} {y} {grey}"
+                    );
+                }
+            }
+        }
+        let disc = Array2::from_shape_fn((60, 80), |(y, x)| {
+            let far = (x as f32 - 40.0).hypot(y as f32 - 30.0);
+            (255.0 * (20.5 - far).clamp(0.0, 1.0)) as u8
+        });
+        assert!(support(&disc, None).is_whole());
+        assert!(support(&scene, None).is_whole());
+        assert!(support(&Array2::<u8>::from_elem((9, 9), 255), None).is_whole());
+    }
+}

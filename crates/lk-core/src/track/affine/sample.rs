@@ -1,0 +1,341 @@
+//! Sampling under an affine warp, eight pixels of a row at a time.
+//!
+//! The window turns little within eight pixels, so that the taps of all eight lie in a few columns and rows: they are
+//! loaded side by side, and each lane has its own weights, 0 beyond its own taps.
+
+use crate::frame::Plane;
+use crate::pyramid::mirror;
+use crate::simd::{EIGHT, Eight, EightKernel, Packed};
+use crate::track::affine::warp::Positions;
+
+/// The most columns and rows of taps: a window may turn by 60 degrees, or be twice as large.
+const MOST_TAPS: usize = 12;
+
+/// The furthest that positions may drift from their lanes' own columns and rows, in pixels a column.
+const MOST_DRIFT: f64 = (MOST_TAPS - 5) as f64 / (EIGHT - 1) as f64;
+
+/// Pixels loaded of a row.
+const REACH: usize = EIGHT + MOST_TAPS - 1;
+
+/// Pixels that taps lie before the one that the first position is in, and after that of the last; one more for what single
+/// precision rounds.
+const BEFORE: isize = 2;
+const AFTER: isize = 3;
+
+/// Side of the largest region that is copied where a window reaches over the border.
+const COPIED: usize = 224;
+
+/// Memory for windows that reach over the border.
+#[derive(Debug)]
+pub(in crate::track) struct Copied([f32; COPIED * COPIED]);
+
+impl Copied {
+    pub(in crate::track) fn new() -> Self {
+        Self([0.0; COPIED * COPIED])
+    }
+}
+
+/// How grey levels between pixels are had.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::track) enum Filter {
+    Linear,
+    /// The cubic B-spline without its prefilter.
+    Spline,
+}
+
+/// Sample a plane at `positions`, row by row. `to` has seven more elements than there are positions.
+pub(in crate::track) struct SampleWarped<'a> {
+    pub(in crate::track) plane: &'a Plane,
+    pub(in crate::track) positions: Positions,
+    pub(in crate::track) filter: Filter,
+    pub(in crate::track) copied: &'a mut Copied,
+    pub(in crate::track) to: &'a mut [f32],
+}
+
+/// Rows of pixels, the first of which has the coordinates `origin`.
+#[derive(Clone, Copy)]
+struct Source<'a> {
+    data: &'a [f32],
+    stride: usize,
+    origin: [isize; 2],
+}
+
+impl EightKernel for SampleWarped<'_> {
+    /// Whether the positions are near enough to each other and to the plane.
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<L: Eight>(self) -> bool {
+        let Self {
+            plane,
+            positions,
+            filter,
+            copied,
+            to,
+        } = self;
+        let Some(source) = source(plane, &positions, copied) else {
+            return false;
+        };
+        match filter {
+            Filter::Linear => sample::<L, false>(source, &positions, to),
+            Filter::Spline => sample::<L, true>(source, &positions, to),
+        }
+        true
+    }
+}
+
+/// The pixels around `positions`: the plane's own, or a mirrored copy.
+fn source<'a>(
+    plane: &'a Plane,
+    positions: &Positions,
+    copied: &'a mut Copied,
+) -> Option<Source<'a>> {
+    let [along, down] = positions.across;
+    if !((along - 1.0).abs() <= MOST_DRIFT && down.abs() <= MOST_DRIFT) {
+        return None;
+    }
+    let [x, y] = positions.bounds();
+    if ![x, y].into_iter().flatten().all(|bound| bound.abs() < 1e6) {
+        return None;
+    }
+    let [x, y] =
+        [x, y].map(|[low, high]| (low.floor() as isize - BEFORE, high.floor() as isize + AFTER));
+    let (width, height) = (plane.width() as isize, plane.height() as isize);
+    // Whole lanes are loaded: what stands beyond the taps has no weight, but one row more must be there.
+    let wide = width >= REACH as isize;
+    if wide && x.0 >= 0 && y.0 >= 0 && x.1 < width && y.1 + 1 < height {
+        return Some(Source {
+            data: plane.data(),
+            stride: plane.width(),
+            origin: [0, 0],
+        });
+    }
+    let (columns, rows) = ((x.1 - x.0 + 1) as usize, (y.1 - y.0 + 1) as usize);
+    if columns + REACH > COPIED || rows >= COPIED {
+        return None;
+    }
+    for row in 0..rows {
+        let from = plane.row(mirror(y.0 + row as isize, plane.height()));
+        let to = &mut copied.0[row * COPIED..][..columns];
+        for (column, to) in to.iter_mut().enumerate() {
+            *to = from[mirror(x.0 + column as isize, plane.width())];
+        }
+    }
+    Some(Source {
+        data: &copied.0,
+        stride: COPIED,
+        origin: [x.0, y.0],
+    })
+}
+
+#[inline(always)]
+fn sample<L: Eight, const SPLINE: bool>(source: Source<'_>, positions: &Positions, to: &mut [f32]) {
+    // Positions are counted from a whole pixel near the first: single precision is then fine enough.
+    let base = positions.first.map(f64::floor);
+    let first = [0, 1].map(|axis: usize| (positions.first[axis] - base[axis]) as f32);
+    let across = positions.across.map(|step| step as f32);
+    let down = positions.down.map(|step| step as f32);
+    let base = [0, 1].map(|axis: usize| base[axis] as isize - source.origin[axis]);
+    let lanes = L::unpack(&Packed::STEPS);
+    // From lane to lane a pixel's own column goes on by one.
+    let drift = [across[0] - 1.0, across[1]];
+    for row in 0..positions.rows {
+        let start = [
+            first[0] + row as f32 * down[0],
+            first[1] + row as f32 * down[1],
+        ];
+        for column in (0..positions.columns).step_by(EIGHT) {
+            let (mut low, mut more) = ([0isize; 2], 0usize);
+            let mut within = [L::zero(); 2];
+            for axis in 0..2 {
+                let at = start[axis] + column as f32 * across[axis];
+                let last = at + (EIGHT - 1) as f32 * drift[axis];
+                let (least, largest) = (at.min(last).floor(), at.max(last).floor());
+                low[axis] = base[axis] + least as isize;
+                more = more.max((largest - least) as usize);
+                within[axis] = L::splat(at - least) + lanes * L::splat(drift[axis]);
+            }
+            let taps = Taps {
+                source,
+                low,
+                within,
+            };
+            let value = match (SPLINE, more) {
+                (true, 0) => taps.spline(),
+                (true, 1) => taps.apply::<5, true>(),
+                (true, 2) => taps.apply::<6, true>(),
+                (true, _) => taps.apply::<MOST_TAPS, true>(),
+                (false, 0) => taps.apply::<2, false>(),
+                (false, 1) => taps.apply::<3, false>(),
+                (false, 2) => taps.apply::<4, false>(),
+                (false, _) => taps.apply::<MOST_TAPS, false>(),
+            };
+            value.store(to, row * positions.columns + column);
+        }
+    }
+}
+
+/// The taps of eight positions.
+struct Taps<'a, L> {
+    source: Source<'a>,
+    /// The least pixel that any of them is in, each counted from its own lane.
+    low: [isize; 2],
+    /// Where they are from there.
+    within: [L; 2],
+}
+
+impl<L: Eight> Taps<'_, L> {
+    /// From the pixel `before` the least one on.
+    #[inline(always)]
+    fn row(&self, before: isize, tap: usize) -> &[f32; REACH] {
+        let Source { data, stride, .. } = self.source;
+        let [x, y] = self.low.map(|low| (low - before) as usize);
+        let at = (y + tap) * stride + x;
+        match data.get(at..).and_then(|rest| rest.first_chunk()) {
+            Some(row) => row,
+            // Only where no tap has weight, see `source`.
+            None => &[0.0; REACH],
+        }
+    }
+
+    /// All in the same pixel of their lane.
+    #[inline(always)]
+    fn spline(&self) -> L {
+        let x = cubic(self.within[0]);
+        let y = cubic(self.within[1]);
+        let mut sum = L::zero();
+        for (tap, weight) in y.into_iter().enumerate() {
+            let row = self.row(1, tap);
+            let along = (L::load(row, 1) * x[1] + L::load(row, 2) * x[2])
+                + (L::load(row, 0) * x[0] + L::load(row, 3) * x[3]);
+            sum += along * weight;
+        }
+        sum
+    }
+
+    /// `N` columns and rows of taps.
+    #[inline(always)]
+    fn apply<const N: usize, const SPLINE: bool>(&self) -> L {
+        let before = isize::from(SPLINE);
+        let mut x = [L::zero(); N];
+        for (tap, weight) in x.iter_mut().enumerate() {
+            *weight = weight_of::<L, SPLINE>(self.within[0], tap as isize - before);
+        }
+        let mut sum = L::zero();
+        for tap in 0..N {
+            let row = self.row(before, tap);
+            let mut along = L::zero();
+            for (tap, weight) in x.iter().enumerate() {
+                along += L::load(row, tap) * *weight;
+            }
+            sum += along * weight_of::<L, SPLINE>(self.within[1], tap as isize - before);
+        }
+        sum
+    }
+}
+
+/// The weight of a pixel at `tap` for positions `at`.
+#[inline(always)]
+fn weight_of<L: Eight, const SPLINE: bool>(at: L, tap: isize) -> L {
+    // All bits but the sign's.
+    let magnitude = L::splat(f32::from_bits(0x7fff_ffff));
+    let away = (at - L::splat(tap as f32)).keep(magnitude);
+    let inner = (L::splat(1.0) - away).larger(L::zero());
+    if !SPLINE {
+        return inner;
+    }
+    let outer = (L::splat(2.0) - away).larger(L::zero());
+    (outer * outer * outer - L::splat(4.0) * (inner * inner * inner)) * L::splat(1.0 / 6.0)
+}
+
+/// The weights of the four pixels around positions `t` after the second of them.
+#[inline(always)]
+fn cubic<L: Eight>(t: L) -> [L; 4] {
+    let s = L::splat(1.0) - t;
+    let (sixth, half, most) = (L::splat(1.0 / 6.0), L::splat(0.5), L::splat(2.0 / 3.0));
+    [
+        s * s * s * sixth,
+        most - t * t * (L::splat(1.0) - t * half),
+        most - s * s * (L::splat(1.0) - s * half),
+        t * t * t * sixth,
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::sample::{bilinear, cubic};
+    use crate::simd::{Level, dispatch_eight};
+    use crate::track::affine::warp::Warp;
+    use crate::track::patch::Window;
+
+    fn picture() -> Plane {
+        let mut plane = Plane::new(90, 70).unwrap();
+        for y in 0..70 {
+            for (x, to) in plane.row_mut(y).iter_mut().enumerate() {
+                *to = 100.0 + 50.0 * (x as f32 * 0.7 + (y as f32 * 0.3).sin()).sin() + y as f32;
+            }
+        }
+        plane
+    }
+
+    /// The definition in f64.
+    fn spline_at(plane: &Plane, [x, y]: [f64; 2]) -> f64 {
+        let (wx, wy) = (cubic((x - x.floor()) as f32), cubic((y - y.floor()) as f32));
+        let mut sum = 0.0;
+        for (j, wy) in wy.into_iter().enumerate() {
+            let row = plane.row(mirror(y.floor() as isize + j as isize - 1, plane.height()));
+            for (i, wx) in wx.into_iter().enumerate() {
+                let column = mirror(x.floor() as isize + i as isize - 1, plane.width());
+                sum += f64::from(wx) * f64::from(wy) * f64::from(row[column]);
+            }
+        }
+        sum
+    }
+
+    proptest! {
+        #[test]
+        fn every_level_samples_as_defined(
+            x in -20.0..110.0f64, y in -20.0..90.0f64, angle in -0.8..0.8f64, scale in 0.6..1.6f64,
+            shear in -0.3..0.3f64, width in 3usize..30, height in 3usize..30,
+        ) {
+            let plane = picture();
+            let (sin, cos) = angle.sin_cos();
+            let matrix = [[scale * cos, -scale * sin + shear], [scale * sin, scale * cos]];
+            let window = Window { width, height };
+            let positions = Positions::around([x, y], matrix, window, 0);
+            for filter in [Filter::Linear, Filter::Spline] {
+                let mut want = None;
+                for level in Level::available() {
+                    let mut found = vec![0.0; width * height + 7];
+                    let mut copied = Box::new(Copied::new());
+                    let sampled = dispatch_eight(level, SampleWarped {
+                        plane: &plane, positions, filter, copied: &mut copied, to: &mut found,
+                    });
+                    prop_assert!(sampled);
+                    found.truncate(width * height);
+                    let bits: Vec<u32> = found.iter().map(|value| value.to_bits()).collect();
+                    prop_assert_eq!(&bits, want.get_or_insert(bits.clone()));
+                    for row in 0..height {
+                        for column in 0..width {
+                            let corner = [-0.5 * (width as f64 - 1.0), -0.5 * (height as f64 - 1.0)];
+                            let offset = [column as f64 + corner[0], row as f64 + corner[1]];
+                            let turned = Warp { shift: [0.0; 2], matrix }.turn(offset);
+                            let at = [x + turned[0], y + turned[1]];
+                            let inside = at[0] >= 0.0 && at[1] >= 0.0 && at[0] <= 89.0 && at[1] <= 69.0;
+                            let value = f64::from(found[row * width + column]);
+                            if filter == Filter::Spline {
+                                prop_assert!((value - spline_at(&plane, at)).abs() < 0.02);
+                            } else if inside {
+                                let linear = f64::from(bilinear(&plane, at[0] as f32, at[1] as f32).unwrap());
+                                prop_assert!((value - linear).abs() < 0.02, "{} {}", value, linear);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
