@@ -70,19 +70,22 @@ def _tiles(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     tiles.append((f"moving things seen for {LASTING_FRAMES} frames or more", str(summary["lasting_objects"])))
     if summary.get("speed_median_m_s") is not None:
         tiles.append(("speed over ground, median", f"{summary['speed_median_m_s']:.4g} m/s"))
-        tiles.append(_way_tile(summary))
+        tiles.extend(_way_tiles(summary))
     tiles.append(("processed at", f"{summary['frames_per_second']:.1f} frames/s"))
     return tiles
 
 
-def _way_tile(summary: Mapping[str, Any]) -> tuple[str, str]:
+def _way_tiles(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Lead with what was measured; what is assumed for the rest stands by itself."""
     missing = summary["distance_unmeasured"]
     if not missing:
-        return "way travelled", f"{summary['distance_m']:.4g} m"
+        return [("way travelled", f"{summary['distance_m']:.4g} m")]
+    lost = f"{missing} frames ({summary['distance_unmeasured_s']:.2f} s)"
+    measured = (f"way travelled where it was measured; {lost} were not", f"{summary['distance_measured_m']:.4g} m")
     if summary["distance_m"] is None:
-        return f"way travelled, unknown over {missing} frames without a velocity", "not known"
-    name = f"way travelled, carried on over {missing} frames without a velocity"
-    return name, f"{summary['distance_m']:.3g} ± {summary['distance_std_m']:.1g} m"
+        return [measured, ("way travelled in all", "not known")]
+    assumed = "way travelled in all, if the motion went on as beside in what was not measured"
+    return [measured, (assumed, f"{summary['distance_m']:.3g} ± {summary['distance_std_m']:.1g} m")]
 
 
 def _figures(outputs: Outputs, files: Mapping[str, Path], summary: Mapping[str, Any]) -> list[Figure]:
@@ -138,8 +141,8 @@ def _plots(outputs: Outputs) -> list[Plot]:
                 y_least=1.0,
             ),
             "Sum of the displacements. Where none was measured it goes on with the camera's motion from the dense "
-            "flow, else between its neighbours; it ends where neither is known. Bands are one standard deviation of the"
-            " sum.",
+            "flow, else as beside, which is an assumption that its band allows for; it ends where neither is known. "
+            "Bands are one standard deviation of the sum.",
         ),
         Plot(
             "Dense flow",

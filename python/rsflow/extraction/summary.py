@@ -147,17 +147,16 @@ def _sum_text(figures: dict[str, Any]) -> str:
     dx, dy = figures["displacement_sum_std_px"]
     if not missing:
         return f"in sum the picture went {_signed(x)} px to the right and {_signed(y)} px down"
+    mx, my = figures["displacement_sum_measured_px"]
+    seen, carried = figures["displacement_from_dense_flow"], figures["displacement_from_neighbours"]
     origins = [
-        f"{count} {where}"
-        for count, where in (
-            (figures["displacement_from_dense_flow"], "from the camera's motion in the dense flow"),
-            (figures["displacement_from_neighbours"], "carried on between their neighbours"),
-        )
-        if count
+        *([f"with the camera's motion in the dense flow for {seen} of them"] if seen else []),
+        *([f"if the motion went on as beside in {carried} of them, which nothing shows"] if carried else []),
     ]
     return (
-        f"in sum the picture went about {_signed(x)} px to the right and {_signed(y)} px down, with a standard "
-        f"deviation of {dx:.2g} and {dy:.2g} px, since {part} could not be measured: {', '.join(origins)}"
+        f"where it was measured the picture went {_signed(mx)} px to the right and {_signed(my)} px down; {part} "
+        f"could not be measured: in sum about {_signed(x)} px and {_signed(y)} px, with a standard deviation of "
+        f"{dx:.2g} and {dy:.2g} px, {' and '.join(origins)}"
     )
 
 
@@ -196,4 +195,7 @@ def way_text(figures: dict[str, Any]) -> str:
     lost = f"{missing} frames ({time:.2f} s) without a velocity"
     if way is None or not math.isfinite(way):
         return f"{figures['distance_measured_m']:.4g} m where it was measured, in all unknown for {lost}"
-    return f"about {way:.4g} m in all (standard deviation {std:.2g} m), of it carried on over {lost}"
+    return (
+        f"{figures['distance_measured_m']:.4g} m where it was measured; for {lost} nothing was: about {way:.4g} m in "
+        f"all (standard deviation {std:.2g} m) if the motion went on as beside"
+    )

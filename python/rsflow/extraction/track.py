@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .way import UNSEEN
+
 if TYPE_CHECKING:
     from ..velocity import Velocity
 
@@ -23,8 +25,10 @@ class Track:
 
     The heading is integrated from the turn about straight down where the velocity came with one. Over a gap the
     velocity is carried on from the one before to the one after, and the path gets the variance of a velocity that walks
-    at random as it does elsewhere and as the ends of the gap show. The displacement's errors are independent from frame
-    to frame and add as variances; those of height, focal length and principal point stay the same and add as they are.
+    at random as it does elsewhere and as the ends of the gap show, and no less than a motion asks for that may stop,
+    turn round or go several times as fast: nothing constrains it in a gap. The displacement's errors are independent
+    from frame to frame and add as variances; those of height, focal length and principal point stay the same and add
+    as they are.
     """
 
     def __init__(self) -> None:
@@ -46,6 +50,9 @@ class Track:
         self._walk = 0.0
         # Of all gaps carried over: what their variance is to that of the walk, and what their own ends add.
         self._gap_share = self._gap_change = 0.0
+        # And the least variance of their ways: what may go on unseen.
+        self._gap_least = 0.0
+        self._measured_s = 0.0
 
     def add(self, velocity: Velocity, frame: int) -> dict[str, Any]:
         """Give the row of ``track.csv`` at a velocity; its position is NaN where there is none."""
@@ -60,7 +67,7 @@ class Track:
             self._waiting += 1
             names = ("x_m", "y_m", "z_m", "heading_rad", "x_std_m", "y_std_m", "distance_m", "distance_std_m")
             return row | dict.fromkeys(names, math.nan) | {"segment": self._segment}
-        gaps = self._gap_variance(self._gap_share, self._gap_change)
+        gaps = self._gap_variance(self._gap_share, self._gap_change, self._gap_least)
         std = np.sqrt(self._independent + gaps + sum(part**2 for part in self._lasting.values()))
         x, y, z = self._at
         return row | {
@@ -84,7 +91,8 @@ class Track:
             time = self._end_s - since
             speed = math.nan if self._last is None else float(np.hypot(*self._last[1][:2]))
             distance += speed * time
-            std = math.hypot(std, math.sqrt(self._gap_variance(_share(time, open_end=True), 0.0)))
+            least = (UNSEEN * max(speed, self._mean_speed()) * time) ** 2
+            std = math.hypot(std, math.sqrt(self._gap_variance(_share(time, open_end=True), 0.0, least)))
             lost_s += time
         known = math.isfinite(std) and math.isfinite(distance)
         return {
@@ -96,7 +104,7 @@ class Track:
         }
 
     def _distance_std(self) -> float:
-        gaps = self._gap_variance(self._gap_share, self._gap_change)
+        gaps = self._gap_variance(self._gap_share, self._gap_change, self._gap_least)
         return math.sqrt(self._distance_variance + gaps + sum(part**2 for part in self._distance_lasting.values()))
 
     def _step(self, velocity: Velocity) -> None:
@@ -121,6 +129,7 @@ class Track:
         speed = float(np.hypot(v[0], v[1]))
         self._distance += speed * dt
         self._measured += speed * dt
+        self._measured_s += dt
         direction = np.append(v[:2] / speed, 0.0) if speed > 0 else np.zeros(3)
         for name, part in velocity.parts.items():
             spread = np.where(np.isfinite(part), part, 0.0)
@@ -146,6 +155,8 @@ class Track:
             share = _share(time, open_end=open_end)
             self._gap_share += share
             self._gap_change += share * float(((after - before)[:2] ** 2).sum()) / 2 / time
+            fastest = max(float(np.hypot(*before[:2])), float(np.hypot(*after[:2])), self._mean_speed())
+            self._gap_least += (UNSEEN * fastest * time) ** 2
         self._at = self._at + middle * time
         self._distance += float(np.hypot(*middle[:2])) * time
         self._segment += 1
@@ -153,13 +164,16 @@ class Track:
         self._missing_s += time
         self._waiting = 0
 
-    def _gap_variance(self, share: float, change: float) -> float:
+    def _mean_speed(self) -> float:
+        return self._measured / self._measured_s if self._measured_s > 0 else 0.0
+
+    def _gap_variance(self, share: float, change: float, least: float) -> float:
         """Variance of the way along one axis over gaps; infinite where too few velocities tell how they change."""
         if share <= 0:
             return 0.0
         if self._changes < _LEAST_CHANGES:
             return math.inf
-        return _ROUGHER**2 * (share * self._walk / self._changes + change)
+        return max(_ROUGHER**2 * (share * self._walk / self._changes + change), least)
 
 
 def _share(time: float, *, open_end: bool) -> float:

@@ -1,8 +1,9 @@
 """The sum of steps some of which could not be measured: filled with the best estimate there is, and what it is worth.
 
 A step that is missing is not a step of zero. It is taken from a second estimate of the same motion where there is one,
-else carried on between the measured steps before and after it; and what either gives is held against the steps that
-were measured, where both are known, so that the deviation of the sum covers what is not known.
+else carried on between the measured steps before and after it. A second estimate is held against the steps that were
+measured, where both are known. What is carried on is an assumption, nothing constrains the motion in a gap: its
+deviation is that of a motion which may stop, turn round or go several times as fast, however smooth the rest is.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MEASURED", "NEIGHBOURS", "SECOND", "UNKNOWN", "Filled", "fill"]
+__all__ = ["MEASURED", "NEIGHBOURS", "SECOND", "UNKNOWN", "UNSEEN", "Filled", "fill"]
 
 F64 = NDArray[np.float64]
 
@@ -27,6 +28,10 @@ _SECOND_LEAST = 0.05
 _LEAST_STRETCHES = 4
 # A stretch that cannot be measured is rarely as smooth as those that can.
 _ROUGHER = 2.0
+# Deviation of the motion in a gap, to the speed beside it: two of them reach from -5 to +7 times that speed.
+UNSEEN = 3.0
+# A picture that rests beside a gap may have moved in it too: the least speed that is reckoned with, in pixels a step.
+_LEAST_SPEED = 1.0
 
 
 @dataclass(frozen=True)
@@ -97,9 +102,17 @@ def fill(steps: F64, variance: F64, duration: F64, second: F64 | None = None, ch
             span = float(time[first:last].sum())
             # The variance grows through the gap; all of it is there at its end.
             share = (np.cumsum(time[first:last]) / span) ** 2
-            total = (_ROUGHER * error * span / (last - first)) ** 2
+            likely = _ROUGHER * error * span / (last - first)
+            total = np.maximum(likely, UNSEEN * _speed(filled, real, time, first, last) * span) ** 2
             independent[first:last] = np.diff(share, prepend=0.0)[:, None] * total
     return Filled(filled, source, np.cumsum(independent, axis=0) + np.cumsum(shared, axis=0) ** 2)
+
+
+def _speed(filled: F64, real: NDArray[np.bool_], time: F64, first: int, last: int) -> float:
+    """Speed to reckon with in a gap: the fastest of that at its ends, the mean where it is known, and the least."""
+    speeds = np.hypot(*filled.T) / time
+    ends = [speeds[at] for at in (first - 1, last) if 0 <= at < len(speeds)]
+    return float(max(*ends, speeds[real].mean(), _LEAST_SPEED * len(time) / time.sum()))
 
 
 def _second_worth(steps: F64, second: F64, check: F64) -> tuple[F64, F64]:
