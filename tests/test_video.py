@@ -237,3 +237,29 @@ def test_a_forgotten_writer_does_not_hang_the_exit(tmp_path: Path, library: str)
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.mp4")], capture_output=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert not (tmp_path / "a.mp4").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names that are no text are for Linux")
+@pytest.mark.parametrize("suffix", [".mp4", ".webm", ".avi", ".\udcff"])
+def test_names_that_are_no_text_are_read_and_written(tmp_path: Path, library: str, suffix: str) -> None:
+    # In a process of its own: OpenCV ends the process at a name that is no UTF-8.
+    code = f"""
+import os, sys, numpy as np, rsflow
+from rsflow import video
+if {library!r} == "cv2":
+    video.sinks.av_encoder = lambda _: None
+path, suffix = os.fsdecode(b"\\xff\\xfe clip"), {suffix!a}
+pictures = [np.full((48, 64), grey, np.uint8) for grey in (0, 100, 200)]
+if suffix == ".avi":
+    video.write_lossless(path + suffix, pictures, frame_rate=30)
+else:
+    first = path + (".webm" if suffix == ".webm" else ".mp4")
+    with rsflow.VideoWriter(first, frame_rate=30) as out:
+        for picture in pictures:
+            out.write(picture)
+    os.rename(first, path + suffix)
+read = [frame.image.mean() for frame in rsflow.frames(path + suffix)]
+assert np.abs(np.array(read) - (0, 100, 200)).max() < 4, read
+assert os.listdir(".") == [path + suffix], os.listdir(".")
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True, timeout=60)

@@ -13,6 +13,7 @@ import numpy as np
 
 from . import _video_sinks as sinks
 from ._files import Working
+from ._native_names import native_name
 
 __all__ = ["Part", "join"]
 
@@ -59,10 +60,11 @@ def _remuxed(parts: Sequence[Part], target: Path) -> None:
     written = 0
     options = {"movflags": "+faststart"} if target.suffix.lower() == ".mp4" else {}
     with contextlib.ExitStack() as stack:
-        out: Any = stack.enter_context(av.open(str(target), "w", options=options))
+        name = stack.enter_context(native_name(target))
+        out: Any = stack.enter_context(av.open(name, "w", options=options))
         stream: Any = None
         for part in parts:
-            with av.open(str(part.path)) as box:
+            with native_name(part.path) as part_name, av.open(part_name) as box:
                 source: Any = box.streams.video[0]
                 if stream is None:
                     stream = out.add_stream_from_template(source)
@@ -86,7 +88,7 @@ def _times(part: Part) -> tuple[Any, Any]:
     """Give the times of the packets of a part, in their order in the file, and the places of each in time."""
     import av
 
-    with av.open(str(part.path)) as box:
+    with native_name(part.path) as part_name, av.open(part_name) as box:
         source = box.streams.video[0]
         found = [_tick(p.pts, p.time_base) + part.tick for p in box.demux(source) if p.pts is not None and p.time_base]
     pts = np.array(found, np.int64)

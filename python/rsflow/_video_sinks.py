@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from ._native_names import native_name
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -61,7 +63,9 @@ class AvSink:
         assert name is not None
         # The index goes to the front, so that a browser starts before it has the whole file.
         options = {"movflags": "+faststart"} if path.suffix.lower() == ".mp4" else {}
-        self._container = av.open(str(path), "w", options=options)
+        # The index is moved by opening the file once more, by its name.
+        self._named = contextlib.ExitStack()
+        self._container = av.open(self._named.enter_context(native_name(path)), "w", options=options)
         self._stream: Any = self._container.add_stream(name, rate=rate, options=_OPTIONS.get(name, {}))
         self._stream.width, self._stream.height = width, height
         self._stream.pix_fmt = "yuv420p"
@@ -82,11 +86,13 @@ class AvSink:
         self._container.mux(self._stream.encode(frame))
 
     def close(self) -> None:
-        self._container.mux(self._stream.encode(None))
-        self._container.close()
+        with self._named:
+            self._container.mux(self._stream.encode(None))
+            self._container.close()
 
     def abandon(self) -> None:
-        self._container.close()
+        with self._named:
+            self._container.close()
 
 
 class Cv2Sink:
@@ -102,7 +108,9 @@ class Cv2Sink:
         self._path = path
         self._frames = 0
         fourcc = cv2.VideoWriter.fourcc(*CODECS[codec][1])
-        self._writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, fourcc, float(rate), (width, height))
+        self._named = contextlib.ExitStack()
+        name = self._named.enter_context(native_name(path))
+        self._writer = cv2.VideoWriter(name, cv2.CAP_FFMPEG, fourcc, float(rate), (width, height))
         if not self._writer.isOpened():
             raise self._failure(f"OpenCV cannot write {codec} as {path.suffix}")
 
@@ -115,7 +123,7 @@ class Cv2Sink:
     def close(self) -> None:
         from .camera._video_open import open_capture
 
-        with self._quiet():
+        with self._quiet(), self._named:
             self._writer.release()
         # OpenCV drops what it cannot write without a word, so what it left is read back.
         video = open_capture(str(self._path))
@@ -125,7 +133,8 @@ class Cv2Sink:
             raise self._failure(f"OpenCV kept {frames} of {self._frames} pictures")
 
     def abandon(self) -> None:
-        self._writer.release()
+        with self._named:
+            self._writer.release()
 
     def _failure(self, text: str) -> OSError:
         with contextlib.suppress(OSError):

@@ -8,6 +8,8 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
+from .._native_names import is_text, native_name
+
 __all__ = ["open_capture", "quiet"]
 
 # OpenCV's log level is one for the whole process: the first to ask for quiet keeps what it was, the last restores it.
@@ -59,10 +61,13 @@ def open_capture(source: int | str) -> Any:
 
     with _quiet_ffmpeg():
         try:
-            if isinstance(source, str) and "://" not in source and not source.startswith("/dev/"):
-                # A file name must not be taken for a numbered pattern: only FFmpeg and the like may open it.
-                capture = cv2.VideoCapture(source, cv2.CAP_FFMPEG)
-                return capture if capture.isOpened() else cv2.VideoCapture(source)
-            return cv2.VideoCapture(source)
-        except cv2.error:
+            if not isinstance(source, str):
+                return cv2.VideoCapture(source)
+            if "://" in source or source.startswith("/dev/"):
+                return cv2.VideoCapture(source) if is_text(source) else cv2.VideoCapture()
+            # A file name must not be taken for a numbered pattern: only FFmpeg and the like may open it.
+            with native_name(source) as name:
+                capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
+                return capture if capture.isOpened() else cv2.VideoCapture(name)
+        except (cv2.error, OSError):
             return cv2.VideoCapture()
