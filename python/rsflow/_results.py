@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import stat
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +14,16 @@ from typing import Any, Self
 
 from . import _identity
 from ._files import writing
-from .errors import OptionError
+from ._limits import kind_of, read_text
+from .errors import OptionError, RsflowError
 
-__all__ = ["Identity", "ResultFolder", "expect_own"]
+__all__ = ["Identity", "ResultFolder", "expect_own", "expect_plain", "read_json"]
 
 # What is known of the results in a folder, by command; `rsflow extract` has it in its summary.json.
 MANIFEST = ".rsflow.json"
+# In it: files of an earlier run that stand beside those of the recorded one until that one is complete.
+_EARLIER = "earlier"
+_JSON_BYTES = 1 << 24
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,17 @@ def expect_own(folder: Path, existing: Sequence[Path], difference: str, *, detai
     )
 
 
+def expect_plain(paths: Iterable[Path]) -> None:
+    """Raise OptionError where one of `paths` is a pipe, a device or a socket: a folder holds files of its own."""
+    for path in paths:
+        try:
+            mode = path.stat().st_mode
+        except (OSError, ValueError):
+            continue
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise OptionError(f"{path}: got {kind_of(mode)}, expected a regular file or none: remove it")
+
+
 class ResultFolder:
     """A folder that a command writes its files into, with a record of what they are of.
 
@@ -79,7 +95,7 @@ class ResultFolder:
     Raises
     ------
     OptionError
-        If there are files of another run; nothing is written then.
+        If there are files of another run, or a pipe or device where a file belongs; nothing is written then.
     """
 
     def __init__(
@@ -88,24 +104,40 @@ class ResultFolder:
         self.folder, self._command, self._identity = folder, command, identity
         self._names = list(names)
         found = self._existing()
+        expect_plain([folder / MANIFEST, *found])
         recorded = _manifest(folder).get(command)
         difference = identity.difference(recorded)
         if not overwrite:
             expect_own(folder, found, difference)
         # What an unknown run left may be anyone's.
-        self._stale = found if difference and isinstance(recorded, dict) else []
+        self._stale: list[Path] = []
+        if isinstance(recorded, dict):
+            left = recorded.get(_EARLIER)
+            earlier = {str(name) for name in left} if isinstance(left, list) else set()
+            self._stale = [path for path in found if difference or self._name(path) in earlier]
         self._recorded = False
         self._made: list[Path] = []
 
     def _existing(self) -> list[Path]:
         return sorted(path for name in self._names for path in self.folder.glob(name))
 
+    def _name(self, path: Path) -> str:
+        return path.relative_to(self.folder).as_posix()
+
     def record(self) -> None:
         """Write down whose the files are; to be called before the first of them gets its name."""
         if self._recorded:
             return
         self._recorded = True
-        manifest = _manifest(self.folder) | {self._command: self._identity.as_dict()}
+        self._write(self._stale)
+
+    def _write(self, earlier: Iterable[Path]) -> None:
+        entry: dict[str, Any] = dict(self._identity.as_dict())
+        names = [self._name(path) for path in earlier]
+        if names:
+            # The run may never complete: the next one must know whose these are.
+            entry[_EARLIER] = names
+        manifest = _manifest(self.folder) | {self._command: entry}
         with writing(self.folder / MANIFEST) as partial:
             partial.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
 
@@ -116,6 +148,8 @@ class ResultFolder:
             if os.path.realpath(path) not in kept:
                 with contextlib.suppress(OSError):
                     path.unlink()
+        if self._recorded and self._stale:
+            self._write([])
 
     def __enter__(self) -> Self:
         self._made = [path for path in (self.folder, *self.folder.parents) if not path.exists()]
@@ -151,9 +185,7 @@ def _manifest(folder: Path) -> dict[str, Any]:
 def read_json(path: Path) -> dict[str, Any]:
     """Give the object in a small JSON file of ours; an empty one where it is missing or is not one."""
     try:
-        if path.stat().st_size > 1 << 24:
-            return {}
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        found = json.loads(read_text(path, most=_JSON_BYTES))
+    except (OSError, ValueError, RecursionError, RsflowError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .._inputs import Inputs
-from .._results import Identity, expect_own, read_json
+from .._results import Identity, expect_own, expect_plain, read_json
 from .outputs import NAMES
 from .settings import ExtractSettings
 from .tables import partial_name
@@ -61,6 +61,7 @@ class Claim:
         self.identity = Identity.of(source, options, files=_FILES)
         self._stale: set[str] = set()
         found = sorted(path for name in written_names(settings) if (path := folder / name).exists())
+        expect_plain(found)
         summaries = [read_json(path) for path in (folder / NAMES["summary"], partial_name(folder / NAMES["summary"]))]
         summaries = [summary for summary in summaries if summary]
         # One that was killed while it named its files has left no summary, but its workspace.
