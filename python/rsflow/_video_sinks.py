@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from ._native_names import native_name
+from ._of_process import OfProcess, opening
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,12 +49,13 @@ class Sink(Protocol):
     def abandon(self) -> None: ...
 
 
-class AvSink:
+class AvSink(OfProcess):
     """A video written by PyAV."""
 
     def __init__(self, path: Path, codec: str, rate: Fraction, width: int, height: int) -> None:
-        import av
-        import cv2
+        with opening:
+            import av
+            import cv2
 
         from . import get_num_threads
 
@@ -65,7 +67,9 @@ class AvSink:
         options = {"movflags": "+faststart"} if path.suffix.lower() == ".mp4" else {}
         # The index is moved by opening the file once more, by its name.
         self._named = contextlib.ExitStack()
-        self._container = av.open(self._named.enter_context(native_name(path)), "w", options=options)
+        name_here = self._named.enter_context(native_name(path))
+        with opening:
+            self._container = av.open(name_here, "w", options=options)
         self._stream: Any = self._container.add_stream(name, rate=rate, options=_OPTIONS.get(name, {}))
         self._stream.width, self._stream.height = width, height
         self._stream.pix_fmt = "yuv420p"
@@ -88,18 +92,22 @@ class AvSink:
     def close(self) -> None:
         with self._named:
             self._container.mux(self._stream.encode(None))
-            self._container.close()
+            with opening:
+                self._container.close()
 
     def abandon(self) -> None:
-        with self._named:
+        if self.elsewhere:
+            return
+        with self._named, opening:
             self._container.close()
 
 
-class Cv2Sink:
+class Cv2Sink(OfProcess):
     """A video written by OpenCV's own FFmpeg, at a constant rate."""
 
     def __init__(self, path: Path, codec: str, rate: Fraction, width: int, height: int) -> None:
-        import cv2
+        with opening:
+            import cv2
 
         from .camera._video_open import quiet
 
@@ -110,7 +118,8 @@ class Cv2Sink:
         fourcc = cv2.VideoWriter.fourcc(*CODECS[codec][1])
         self._named = contextlib.ExitStack()
         name = self._named.enter_context(native_name(path))
-        self._writer = cv2.VideoWriter(name, cv2.CAP_FFMPEG, fourcc, float(rate), (width, height))
+        with opening:
+            self._writer = cv2.VideoWriter(name, cv2.CAP_FFMPEG, fourcc, float(rate), (width, height))
         if not self._writer.isOpened():
             raise self._failure(f"OpenCV cannot write {codec} as {path.suffix}")
 
@@ -123,7 +132,7 @@ class Cv2Sink:
     def close(self) -> None:
         from .camera._video_open import open_capture
 
-        with self._quiet(), self._named:
+        with self._quiet(), self._named, opening:
             self._writer.release()
         # OpenCV drops what it cannot write without a word, so what it left is read back.
         video = open_capture(str(self._path))
@@ -133,7 +142,9 @@ class Cv2Sink:
             raise self._failure(f"OpenCV kept {frames} of {self._frames} pictures")
 
     def abandon(self) -> None:
-        with self._named:
+        if self.elsewhere:
+            return
+        with self._named, opening:
             self._writer.release()
 
     def _failure(self, text: str) -> OSError:
@@ -148,7 +159,8 @@ class Cv2Sink:
 def av_encoder(codec: str) -> str | None:
     """Name of PyAV's encoder for a codec, None if there is none."""
     try:
-        import av
+        with opening:
+            import av
     except ImportError:
         return None
     return next((name for name in CODECS[codec][0] if name in av.codecs_available), None)

@@ -16,6 +16,7 @@ import numpy as np
 from . import _checks
 from . import _video_sinks as sinks
 from ._files import Working, writing
+from ._of_process import OfProcess
 from .errors import DTypeError, OptionError, ShapeError
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ _LONGEST_S = 3.2e9
 _SUFFIXES: dict[str, tuple[str, ...]] = {".mp4": ("h264", "vp9", "mp4v"), ".webm": ("vp9",)}
 
 
-class VideoWriter:
+class VideoWriter(OfProcess):
     """Write pictures to a video; used as a context manager.
 
     The file is written beside its final name and renamed when it is complete. Where the body of the ``with`` raises,
@@ -89,6 +90,8 @@ class VideoWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if self.elsewhere:
+            return
         if kind is None:
             self.finish()
         else:
@@ -118,7 +121,10 @@ class VideoWriter:
             If the video is closed, or `t_s` does not increase or is given for some pictures only.
         OSError
             If it cannot be written, a full disk for one; nothing is left then.
+        RsflowError
+            In a child of ``fork()``: the process that made the writer alone writes with it.
         """
+        self.expect_here(str(self.path))
         if self._closed:
             raise OptionError(f"picture: got one for {self.path}, which is closed, expected none after finish()")
         bgr = self._checked(picture)
@@ -144,6 +150,7 @@ class VideoWriter:
         """
         if self._closed:
             return
+        self.expect_here(str(self.path))
         try:
             if self._sink is not None:
                 self._sink.close()
@@ -161,6 +168,9 @@ class VideoWriter:
 
     def discard(self) -> None:
         """Close the video and leave nothing of it; an older file of that name stays as it was."""
+        if self.elsewhere:
+            # It is the parent's to go on with.
+            return
         self._closed = True
         sink, self._sink = self._sink, None
         if sink is not None:

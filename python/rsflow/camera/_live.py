@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from .._of_process import OfProcess
 from ..errors import CaptureError
 from ._reader import Raw, Timestamps
 from ._video_open import open_capture, quiet
@@ -20,7 +21,7 @@ _QUEUE_FRAMES = 32
 _RETRY_S = 0.2
 
 
-class LiveReader:
+class LiveReader(OfProcess):
     """Frames grabbed in a thread of their own, so that waiting has an end even where the driver's call has none."""
 
     def __init__(
@@ -117,6 +118,7 @@ class LiveReader:
 
     def read(self, wanted: bool) -> Raw | None:
         """Wait for a frame, at most the time-out."""
+        self.expect_here(self.source)
         with self._changed:
             self._changed.wait_for(lambda: self._queue or self._failure or self._stopped, timeout=self._timeout_s)
             if self._queue:
@@ -132,6 +134,9 @@ class LiveReader:
 
     def close(self) -> None:
         """Stop the thread and release the camera."""
+        if self.elsewhere:
+            # The thread is the parent's, and may have held the lock.
+            return
         with self._changed:
             self._stopped = True
             self._queue.clear()

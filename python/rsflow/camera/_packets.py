@@ -11,6 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
+from .._of_process import OfProcess, opening
 from ._bitstream import hidden, hides, picture_size
 from ._video_open import open_capture, quiet
 
@@ -33,7 +34,7 @@ class SizeChange:
     after: tuple[int, int]
 
 
-class Packets:
+class Packets(OfProcess):
     """The packets of one file, in the order of the file.
 
     Parameters
@@ -193,7 +194,9 @@ class Packets:
     def close(self) -> None:
         """Release the file."""
         self._ended = True
-        self._capture.release()
+        if not self.elsewhere:
+            with opening:
+                self._capture.release()
 
 
 def _are_among(times_s: list[float], all_s: list[float]) -> bool:

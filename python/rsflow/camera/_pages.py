@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._limits import check_pixels, opened
+from .._of_process import opening
 from .._picture_headers import HeaderError, PictureHeader, picture_header
 from ..errors import CaptureError
 from ._reader import Raw, Timestamps
@@ -66,7 +67,8 @@ class PictureFile:
 
     def picture(self, *, grey: bool = False) -> NDArray[Any]:
         """Decode the file's one picture, or its first; `grey` lets the decoder turn colour into grey."""
-        import cv2
+        with opening:
+            import cv2
 
         image: NDArray[Any] | None = None
         with quiet():
@@ -90,7 +92,8 @@ class PictureFile:
 
     def pages(self, first: int) -> tuple[list[NDArray[Any]], list[float]]:
         """Decode some pages from the one at place `first` on; give them, and how long each is shown in ms."""
-        import cv2
+        with opening:
+            import cv2
 
         numbers = self.header.pages
         most = max(1, _CHUNK_PIXELS // (self.header.width * self.header.height))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .._limits import check_pixels
+from .._of_process import OfProcess, opening
 from ..errors import CaptureError, ShapeError
 from ._containers import Container, read_container
 from ._packets import Packets
@@ -32,11 +33,12 @@ _MAX_DAMAGED = 100_000
 _BARE_STREAMS = (".h264", ".264", ".h265", ".265", ".hevc", ".m1v", ".m2v", ".mjpeg", ".mjpg", ".obu", ".av1")
 
 
-class VideoReader:
+class VideoReader(OfProcess):
     """One video file or finite URL, decoded in order."""
 
     def __init__(self, source: str, limit: int) -> None:
-        import cv2
+        with opening:
+            import cv2
 
         self.source = source
         self._limit = limit
@@ -127,7 +129,8 @@ class VideoReader:
                     self.size = (image.shape[1], image.shape[0]) if done else self.size
                     self._look_at_first()
                 times.append(float(self._capture.get(cv2.CAP_PROP_POS_MSEC)))
-        self._capture.release()
+        with opening:
+            self._capture.release()
         self._first_s = [round(t_ms * 1e-3, 9) for t_ms in times]
         if not times:
             raise CaptureError(f"{self.source}: the video holds no frame that can be decoded")
@@ -202,6 +205,7 @@ class VideoReader:
 
     def read(self, wanted: bool) -> Raw | None:
         """Give the next frame with its timestamp."""
+        self.expect_here(self.source)
         while not self._ended and len(self._buffer) <= self._delay:
             self._grab(wanted)
         if not self._buffer:
@@ -261,6 +265,9 @@ class VideoReader:
         self._ended = True
         self._buffer.clear()
         self._waiting_s.clear()
-        self._capture.release()
+        if self.elsewhere:
+            return
+        with opening:
+            self._capture.release()
         if self._packets is not None:
             self._packets.close()

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from .._native_names import is_text, native_name
+from .._of_process import opening
 
 __all__ = ["open_capture", "quiet"]
 
@@ -22,7 +23,8 @@ _loud_level = 0
 def quiet() -> Iterator[None]:
     """Keep OpenCV from writing to standard error about what we report ourselves."""
     global _quiet_depth, _loud_level
-    import cv2
+    with opening:
+        import cv2
 
     # OpenCV 4 has these two at the top, OpenCV 5 in a module; 0 is silent in both.
     logging = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging
@@ -38,6 +40,21 @@ def quiet() -> Iterator[None]:
             _quiet_depth -= 1
             if _quiet_depth == 0:
                 logging.setLogLevel(_loud_level)
+
+
+def _renew() -> None:
+    """In a child of a fork: threads that had asked for quiet, or were about to, are not there."""
+    global _quiet_lock, _quiet_depth
+    _quiet_lock = threading.Lock()
+    if _quiet_depth:
+        import cv2
+
+        _quiet_depth = 0
+        (cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging).setLogLevel(_loud_level)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_renew)
 
 
 @contextlib.contextmanager
@@ -57,7 +74,8 @@ def _quiet_ffmpeg() -> Iterator[None]:
 
 def open_capture(source: int | str) -> Any:
     """Open a cv2.VideoCapture without its messages; the caller checks `isOpened`."""
-    import cv2
+    with opening:
+        import cv2
 
     with _quiet_ffmpeg():
         try:
@@ -66,7 +84,7 @@ def open_capture(source: int | str) -> Any:
             if "://" in source or source.startswith("/dev/"):
                 return cv2.VideoCapture(source) if is_text(source) else cv2.VideoCapture()
             # A file name must not be taken for a numbered pattern: only FFmpeg and the like may open it.
-            with native_name(source) as name:
+            with opening, native_name(source) as name:
                 capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
                 return capture if capture.isOpened() else cv2.VideoCapture(name)
         except (cv2.error, OSError):

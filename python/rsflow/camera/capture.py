@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .. import _checks
 from .._checks import unmasked
 from .._limits import max_pixels_of
+from .._of_process import OfProcess
 from .._time_series import doubtful_step
 from ..errors import DTypeError, OptionError, ShapeError
 from ._picture import check_roi, to_color, to_grey
@@ -172,6 +173,8 @@ class Frames(Iterator[Frame]):
     def __next__(self) -> Frame:
         if self._closed:
             raise StopIteration
+        if isinstance(self._reader, OfProcess):
+            self._reader.expect_here(self.source)
         try:
             while self._stop is None or self._position < self._stop:
                 offset = self._position - self._start
