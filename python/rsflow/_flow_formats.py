@@ -169,6 +169,8 @@ def _array(path: Path, file: BinaryIO, size: int, what: str, packed: int, limit:
         raise FormatError(f"{path}: {what} is not a numpy array: {' '.join(str(error).split())}") from None
     if dtype.kind not in "biuf":
         raise FormatError(f"{path}: {what} must be of real numbers, got dtype {dtype}")
+    if any(length < 0 for length in shape):
+        raise FormatError(f"{path}: the header of {what} says {shape}, expected sizes of at least 0")
     length = math.prod(shape) * dtype.itemsize
     if file.tell() + length != size:
         raise FormatError(
@@ -216,7 +218,10 @@ def _read_npy(path: Path, file: BinaryIO, size: int, limit: int) -> NDArray[np.f
 
 def _write_npy(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> None:
     with path.open("wb") as file:
-        np.lib.format.write_array(file, uv, allow_pickle=False)
+        # Not `write_array`: what numpy raises on a full disk does not say that it is full.
+        data = np.ascontiguousarray(uv)
+        np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(data))
+        file.write(data.data)
 
 
 def _zip(path: Path, file: BinaryIO) -> zipfile.ZipFile:

@@ -6,13 +6,13 @@ import fnmatch
 import glob
 import os
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from .errors import OptionError
 
-__all__ = ["Inputs"]
+__all__ = ["Inputs", "expect_apart"]
 
 
 class Inputs:
@@ -102,6 +102,21 @@ class Inputs:
             files = () if single else source_files(self._source)
             self._pictures = {_real(folder) for folder in {p.parent for p in files if p.suffix.lower() in _PICTURES}}
         return self._pictures
+
+
+def expect_apart(outputs: Mapping[str, str | os.PathLike[str] | None]) -> None:
+    """Raise OptionError where two outputs of a call, by the name of their option, are one file or folder."""
+    seen: dict[Any, tuple[str, Path]] = {}
+    for option, given in outputs.items():
+        if given is None:
+            continue
+        path = Path(given)
+        for key in (_real(path), _real(path.parent) / path.name, _identity(path)):
+            before = seen.setdefault(key, (option, path)) if key is not None else (option, path)
+            if before[0] != option:
+                raise OptionError(
+                    f"{option} {path}: it is what {before[0]} {before[1]} writes to; give each output a name of its own"
+                )
 
 
 def source_files(source: Any) -> Iterator[Path]:

@@ -153,7 +153,10 @@ class ResultFolder:
 
     def __enter__(self) -> Self:
         self._made = [path for path in (self.folder, *self.folder.parents) if not path.exists()]
-        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except FileExistsError:
+            raise OptionError(f"{self.folder}: a file, or a link that leads nowhere; expected a folder") from None
         return self
 
     def __exit__(

@@ -16,16 +16,23 @@ def expect_range(stream: Frames) -> None:
 
 def nothing_to_measure(stream: Frames) -> CaptureError:
     """Give the error for a source of which no frame was taken, after it was read to its end."""
-    limits = [f"start={stream._start}"] + ([] if stream._stop is None else [f"stop={stream._stop}"])
-    limits += [f"stride={stream._stride}"] if stream._stride != 1 else []
-    return CaptureError(f"{_has(stream)}, and none is left by {', '.join(limits)}: nothing to measure")
+    return CaptureError(f"{_has(stream)}, and none is left by {_limits(stream)}: nothing to measure")
 
 
 def too_few(stream: Frames, taken: int) -> CaptureError:
     """Give the error for a source of which only one frame was taken, where a motion needs two; or none."""
     if taken == 0:
         return nothing_to_measure(stream)
-    return CaptureError(f"{_has(stream)}, and {taken} is taken: fewer than two frames, nothing to compare")
+    return CaptureError(
+        f"{_has(stream)}, and {taken} is left by {_limits(stream)}: two are needed, fewer than two frames leave "
+        "nothing to compare"
+    )
+
+
+def _limits(stream: Frames) -> str:
+    limits = [f"start={stream._start}"] + ([] if stream._stop is None else [f"stop={stream._stop}"])
+    limits += [f"stride={stream._stride}"] if stream._stride != 1 else []
+    return ", ".join(limits)
 
 
 def _has(stream: Frames) -> str:

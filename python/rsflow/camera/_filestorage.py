@@ -43,7 +43,9 @@ def parse(path: str, text: str) -> dict[str, Any]:
             root = storage.root()
             content = _plain(root, 0) if not root.empty() else None
         except (cv2.error, SystemError, UnicodeDecodeError) as error:
-            lines = str(getattr(error, "err", "") or error).strip().splitlines()
+            # What OpenCV's binding says of itself is no help; the parser's own words are the cause, if there are any.
+            told = error.__cause__ if isinstance(error, SystemError) else error
+            lines = str(getattr(told, "err", "") or told or "OpenCV cannot parse it").strip().splitlines()
             raise FormatError(f"{path}: not a valid OpenCV FileStorage: {lines[-1] if lines else 'damaged'}") from None
         finally:
             if storage is not None:

@@ -126,7 +126,12 @@ def _parsed(arguments: list[str]) -> tuple[str, Callable[[argparse.Namespace], i
         if option.startswith("--") and equals and value == "--":
             # argparse makes an empty list of it.
             parser.error(f"argument {option}: got '--', expected a value")
-    return name, module.run, parser.parse_args(arguments[1:])
+    args = parser.parse_args(arguments[1:])
+    for action in parser._actions:
+        if action.option_strings and getattr(args, action.dest, None) == "":
+            # As a path it would be the folder one happens to be in.
+            parser.error(f"argument {action.option_strings[-1]}: got '', expected a value")
+    return name, module.run, args
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -138,9 +138,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _writable(args: argparse.Namespace, given: str | list[str]) -> ResultFolder | None:
     """Find out whether the files may be written, before the work; give the folder of the pictures."""
-    from rsflow._inputs import Inputs
+    from rsflow._inputs import Inputs, expect_apart
     from rsflow._results import ResultFolder
 
+    expect_apart({"-o": args.output, "--pictures": args.pictures})
     names = ("coverage.png", "*.corners.png")
     outputs = [] if args.output is None else [Path(args.output)]
     if args.pictures is not None:

@@ -104,7 +104,7 @@ def _estimator(args: argparse.Namespace) -> DenseFlow:
 
 def _pair(args: argparse.Namespace) -> int:
     from rsflow._drawing import expect_picture_name
-    from rsflow._inputs import Inputs
+    from rsflow._inputs import Inputs, expect_apart
     from rsflow.io import expect_flow_name, write_flow
 
     for name in ("start", "stop", "stride", "rate", "format"):
@@ -117,6 +117,7 @@ def _pair(args: argparse.Namespace) -> int:
         expect_picture_name(Path(args.picture), vectors=args.style == "arrows")
     read = Inputs(files=(args.source, args.next, args.initial, args.mask))
     read.refuse(path for path in (args.output, args.picture) if path)
+    expect_apart({"-o": args.output, "--picture": args.picture})
     first, second = (_only(path) for path in (args.source, args.next))
     flow = _estimator(args)
     flow.update(first.image)
@@ -158,7 +159,7 @@ def _sequence(args: argparse.Namespace) -> int:
     from rsflow.io import FLOW_SUFFIXES, write_flow
     from rsflow.video import VideoWriter
 
-    stride, suffix = args.stride or 1, args.format or "flo"
+    stride, suffix = 1 if args.stride is None else args.stride, args.format or "flo"
     if args.output:
         folder = Path(args.output)
         if folder.suffix.lower() in FLOW_SUFFIXES and not folder.is_dir():
@@ -229,8 +230,9 @@ def _sequence(args: argparse.Namespace) -> int:
 
 def _refuse_inputs(args: argparse.Namespace, suffix: str) -> None:
     """Raise OptionError where a file would be written over that is read, or where the source would find it."""
-    from rsflow._inputs import Inputs
+    from rsflow._inputs import Inputs, expect_apart
 
+    expect_apart({"-o": args.output, "--picture": args.picture})
     files = [Path(args.picture)] if args.picture else []
     if args.output:
         files += [Path(args.output) / f"flow_000000.{suffix}", *Path(args.output).glob(_FILES)]

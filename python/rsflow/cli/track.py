@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     import rsflow
     from rsflow._inputs import Inputs
     from rsflow._results import ResultFolder
-    from rsflow.camera._empty import expect_range, nothing_to_measure
+    from rsflow.camera._empty import expect_range, too_few
     from rsflow.errors import OptionError
 
     if args.trail < 1:
@@ -121,8 +121,8 @@ def run(args: argparse.Namespace) -> int:
                     writer.write(trails.draw(frame.image, tracks, tracker.scene_cut))
         except KeyboardInterrupt:
             interrupted = True
-        if count == 0 and not interrupted:
-            raise nothing_to_measure(source)
+        if count < 2 and not interrupted:
+            raise too_few(source, count)
         result.record()
         rows = tracker.to_table()
         rows.save(table)

@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure, write the table and the plot, print a summary."""
     import rsflow
-    from rsflow.camera._empty import nothing_to_measure
+    from rsflow.camera._empty import too_few
     from rsflow.extraction.metric import fitting_camera
     from rsflow.extraction.summary import as_json
     from rsflow.extraction.track import Track
@@ -94,8 +94,10 @@ def run(args: argparse.Namespace) -> int:
             if not rows:
                 raise
             broken = error
-        if not rows:
-            raise KeyboardInterrupt if interrupted else nothing_to_measure(sequence)
+        if not rows and interrupted:
+            raise KeyboardInterrupt
+        if len(rows) < 2 and not interrupted and broken is None:
+            raise too_few(sequence, len(rows))
         if heights is not None and not any(math.isfinite(row["height_m"]) for row in rows) and broken is None:
             raise rsflow.OptionError(
                 f"--height-csv: {args.height_csv} has {heights.span}, the frames from {rows[0]['frame']} to "

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import _checks
-from ..camera._empty import expect_range, nothing_to_measure
+from ..camera._empty import expect_range, too_few
 from ..errors import RsflowError
 from .background import BackgroundWorker
 from .checkpoint import CheckpointError, Saved, restoring
@@ -199,6 +199,8 @@ class _Job:
         self.held: list[tuple[Any, Any, Any]] = []
         self.settled = saved is not None
         self.last: int | None = None
+        # A run that is gone on with had its first pair before.
+        self.taken = 0 if saved is None else 2
         self.begin = time.monotonic()
         if saved is not None:
             self._go_on(saved)
@@ -232,9 +234,10 @@ class _Job:
             # What the probe decides from fewer frames than it wants is not what the whole run would decide.
             whole = self.settled
             failure = self._drained() or failure
-            if self.last is None:
+            alone = self.taken < 2 and failure is None and not interrupted
+            if self.last is None or alone:
                 # Nothing to keep: the folder stays as it was.
-                raise failure or (KeyboardInterrupt() if interrupted else nothing_to_measure(self.stream))
+                raise failure or (KeyboardInterrupt() if interrupted else too_few(self.stream, self.taken))
             if failure is None and not interrupted:
                 failure = self.pipeline.without_height()
             if interrupted and whole and failure is None:
@@ -243,6 +246,7 @@ class _Job:
 
     def take(self, frame: Any) -> None:
         """Measure one frame; the first ones wait until the probe is decided."""
+        self.taken += 1
         shift, flow = self.pipeline.measure(frame)
         if self.settled:
             self.second.put((frame, shift, flow))
