@@ -280,3 +280,28 @@ def test_a_waiting_thread_gives_way_to_others():
     for thread in threads:
         thread.join()
     assert count > 3
+
+
+@pytest.mark.parametrize("used", [False, True])
+@pytest.mark.parametrize("name", ["MotionSegmenter", "VelocityEstimator", "ObjectTracker"])
+def test_a_state_without_an_attribute_or_with_another_thing_for_it_is_damaged(name: str, used: bool):
+    flight = rsflow.synthetic.flight(frames=2, height_m=0.2, seed=1)
+    segmenter, tracker = rsflow.MotionSegmenter(), ObjectTracker()
+    estimator = rsflow.VelocityEstimator(flight.camera, height_m=0.2)
+    for index, image in enumerate(flight.images if used else ()):
+        tracker.update(segmenter.update(image).moving)
+        estimator.update(image, index / 30)
+    thing: Any = {"MotionSegmenter": segmenter, "VelocityEstimator": estimator, "ObjectTracker": tracker}[name]
+    state = thing.__getstate__()
+    other = type(thing).__new__(type(thing))
+    other.__setstate__(copy.deepcopy(state))
+    for part in state["state"]:
+        if part == "_rounding":
+            # Set anew by each frame.
+            continue
+        lacking, wrong = copy.deepcopy(state), copy.deepcopy(state)
+        del lacking["state"][part]
+        wrong["state"][part] = b"x"
+        for damaged in (lacking, wrong):
+            with pytest.raises(rsflow.FormatError, match=f"the state of a {name} is damaged: .*{part}"):
+                other.__setstate__(damaged)

@@ -6,8 +6,8 @@ import copy
 import functools
 import os
 import threading
-from collections.abc import Callable
-from typing import Any, Concatenate, ParamSpec, Self, TypeVar, cast
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Concatenate, ParamSpec, Self, TypeVar, cast
 
 from .errors import FormatError, RsflowError
 
@@ -76,10 +76,12 @@ def anew(method: Callable[[_Owner], None]) -> Callable[[_Owner], None]:
 class Shared:
     """Base of objects with a state; its attributes are what is copied and pickled.
 
-    A class counts its `_state_version` up where an older state would be misread.
+    A class counts its `_state_version` up where an older state would be misread, and names in `_state_types` the
+    attributes that no state may lack, with their types: a damaged one is told when it is loaded.
     """
 
     _state_version = 1
+    _state_types: ClassVar[Mapping[str, tuple[type, ...]]] = {}
 
     def _lock(self, *, lost: bool = True) -> _Lock:
         """Give the lock of this object; an error if a fork has `lost` the thread that holds it."""
@@ -111,7 +113,15 @@ class Shared:
                 f"the state of a {name} is of version {state.get('version')}, expected {self._state_version}"
             )
         try:
-            self.__dict__.update(self._unpacked(state["state"]))
+            attributes = self._unpacked(state["state"])
+            for part, types in self._state_types.items():
+                if part not in attributes:
+                    raise FormatError(f"the state of a {name} is damaged: it lacks {part!r}")
+                if not isinstance(attributes[part], types):
+                    raise FormatError(
+                        f"the state of a {name} is damaged: {part!r} is of type {type(attributes[part]).__name__}"
+                    )
+            self.__dict__.update(attributes)
         except RsflowError:
             raise
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:

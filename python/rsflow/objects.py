@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import numbers
 import os
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
 import numpy as np
 
@@ -138,6 +139,13 @@ class ObjectTracker(Shared):
     >>> thing.id, thing.age, thing.x, thing.vx
     (1, 3, 19.5, 3.0)
     """
+
+    _state_types: ClassVar = {
+        **dict.fromkeys(("min_area", "max_missed", "min_age", "_next_id"), (numbers.Integral,)),
+        "_started": (bool, np.bool_),
+        "_tracks": (list,),
+        "labels": (np.ndarray,),
+    }
 
     def __init__(self, *, min_area: int = 1, max_missed: int = 5, min_age: int = 1) -> None:
         for name, value, least in (("min_area", min_area, 1), ("max_missed", max_missed, 0), ("min_age", min_age, 1)):

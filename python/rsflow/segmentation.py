@@ -9,7 +9,8 @@ that may change, gives the outline.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal
+import numbers
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -102,6 +103,17 @@ class MotionSegmenter(Shared):
     >>> first.status, bool(first.moving.any())
     ('first_frame', False)
     """
+
+    _state_types: ClassVar = {
+        **dict.fromkeys(("static_camera", "_parallax", "_flow_is_ours"), (bool, np.bool_)),
+        "min_area": (numbers.Integral, type(None)),
+        "_flow": (DenseFlow,),
+        **dict.fromkeys(("_previous", "_moving"), (np.ndarray, type(None))),
+        "_outline": (Outline, type(None)),
+        "_background": (Background,),
+        "_spread": (numbers.Real,),
+        "_tracker": (ObjectTracker, type(None)),
+    }
 
     def __init__(
         self,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+import numbers
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +73,15 @@ class VelocityEstimator(Shared):
     >>> v.valid, bool(abs(v.vx_m_s - 0.02) < 4e-4), bool(abs(v.vy_m_s - 0.01) < 4e-4)
     (True, True, True)
     """
+
+    _state_types: ClassVar = {
+        "camera": (Camera,),
+        **dict.fromkeys(("height_m", "height_std_m", "rate_std_rad_s"), (numbers.Real, type(None))),
+        "R_body_from_camera": (np.ndarray,),
+        "lever_arm_m": (np.ndarray,),
+        "_prev": (np.ndarray, type(None)),
+        "_prev_t_s": (numbers.Real,),
+    }
 
     def __init__(
         self,
