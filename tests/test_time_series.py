@@ -47,7 +47,10 @@ def test_tables_that_are_accepted(tmp_path: Path, text: str | bytes) -> None:
         ("t_s;x\n0,5;1\n0,6;1\n", r"row 2: got '0,5', expected a time in seconds: decimals have a point"),
         ('t_s\n"0,5"\n', r"row 2: got '0,5', expected a time in seconds: decimals have a point"),
         ("frame,t_s\n0,0,5\n", r"row 2: got 3 cells, '0,0,5', expected 2: decimals have a point"),
-        ("t_s\n0\n33333333\n66666667\n", "t_s: got 3.33333e.07 s from one to the next, which are not seconds .nano"),
+        (
+            "t_s\n0\n33333333\n66666667\n",
+            "t_s: got 3.33333e.07 s from one to the next, after number 1, which are not seconds .nano",
+        ),
         ("t_ms\n0\n0.00001\n0.00002\n", "t_ms: got 1e-08 s from one to the next"),
         ("t_s\n0\n1\n2\n3\n", "got 4 times for the 3 frames"),
         ("t_s\n0\n1\n", "got 2 times for the 3 frames"),
@@ -73,7 +76,41 @@ def test_tables_that_are_refused_say_why(tmp_path: Path, text: str | bytes, mess
 def test_steps_of_hours_are_asked_about(tmp_path: Path) -> None:
     source = rsflow.frames([PICTURE] * 3, times=[0.0, 33333.0, 66667.0])
     assert "33333.5 s from one to the next: are they microseconds" in source.notes[0]
-    assert rsflow.frames([PICTURE] * 3, times=[0.0, 60.0, 120.0]).notes == ()
+    source = rsflow.frames([PICTURE] * 4, times=[0.0, 33.3, 66.7, 100.0])
+    assert "33.3 s from one to the next: are they microseconds or milliseconds" in source.notes[0]
+    assert rsflow.frames([PICTURE] * 3, times=[0.0, 5.0, 9.0]).notes == ()
+
+
+def test_one_step_that_is_wrong_is_not_hidden_by_the_others(tmp_path: Path) -> None:
+    with pytest.raises(
+        rsflow.FormatError, match=r"t_s: got 1e.09 s from one to the next, after number 2, which are not"
+    ):
+        times_of(tmp_path / "t.csv", "t_s\n0\n0.1\n0.2\n1e9\n", 4)
+    with pytest.raises(rsflow.OptionError, match="times: got 1e-09 s from one to the next, after number 1, expected"):
+        rsflow.frames([PICTURE] * 4, times=[0.0, 0.1, 0.100000001, 0.2])
+    source = rsflow.frames([PICTURE] * 4, times=[0.0, 0.1, 60.1, 60.2])
+    assert source.notes == (
+        "times: 60 s from one to the next, after number 1, where 0.1 s are usual: a pause, or a wrong time?",
+    )
+
+
+@pytest.mark.parametrize("name", ["height_std_m", "sigma", "std_m", "Height_StdDev"])
+def test_deviations_of_heights_are_not_dropped_in_silence(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "h.csv"
+    path.write_text(f"t_s,height_m,{name}\n0,1,0.1\n1,1,0.1\n")
+    with pytest.raises(rsflow.FormatError, match=f"got a column {name}, expected no deviations.*--height-std"):
+        Heights.read(path)
+    path.write_text("t_s,height_m,standard,erroneous\n0,1,0.1,0\n1,1,0.1,0\n")
+    assert Heights.read(path).notes == ()
+
+
+def test_a_pause_of_the_heights_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "h.csv"
+    path.write_text("t_s,height_m\n0,1\n0.1,1\n0.2,1\n2.2,2\n2.3,2\n")
+    (note,) = Heights.read(path).notes
+    assert "a pause of 2 s from 0.2 s on, where 0.1 s are usual" in note
+    path.write_text("t_s,height_m\n0,1\n0.1,1\n0.2,1\n0.7,2\n")
+    assert Heights.read(path).notes == ()
 
 
 @pytest.mark.parametrize(

@@ -26,11 +26,11 @@ __all__ = ["TIME_COLUMNS", "Table", "doubtful_step", "first_wrong", "read_table"
 # Names of columns of times, and how many of their unit make a second.
 TIME_COLUMNS: dict[str, float] = {"t_s": 1.0, "t_ms": 1e3, "t_us": 1e6, "t_ns": 1e9}
 
-# Seconds between two rows that no recording has (two weeks; a tenth of a microsecond), and that few have (a quarter of
-# an hour): nanoseconds of 60 pictures a second, taken for seconds, are half a year apart, microseconds four hours.
+# Seconds between two rows that no recording has (two weeks; a tenth of a microsecond), and that few have: milliseconds
+# of up to 200 pictures a second, taken for seconds, are 5 s apart or more.
 _LONGEST_STEP_S = 1.2e6
 _SHORTEST_STEP_S = 1e-7
-_DOUBTFUL_STEP_S = 900.0
+_DOUBTFUL_STEP_S = 5.0
 
 _CELLS = 4096
 
@@ -177,13 +177,19 @@ def doubtful_step(seconds: NDArray[np.float64]) -> tuple[bool, str] | None:
     """Say whether the steps between times are in another unit, surely (True) or perhaps; None where they are not."""
     if len(seconds) < 2:
         return None
-    step = float(np.median(np.diff(seconds)))
+    steps = np.diff(seconds)
+    # The median would hide one that is wrong.
+    at, step, usual = int(np.argmax(steps)), float(steps.max()), float(np.median(steps))
+    where = f"{step:.6g} s from one to the next, after number {at}"
     if step > _LONGEST_STEP_S:
-        return True, f"got {step:.6g} s from one to the next, which are not seconds (nanoseconds?)"
-    if step < _SHORTEST_STEP_S:
-        return True, f"got {step:.6g} s from one to the next, expected times in seconds"
+        return True, f"got {where}, which are not seconds (nanoseconds?)"
+    if steps.min() < _SHORTEST_STEP_S:
+        at = int(np.argmin(steps))
+        return True, f"got {steps[at]:.6g} s from one to the next, after number {at}, expected times in seconds"
+    if usual > _DOUBTFUL_STEP_S:
+        return False, f"{usual:.6g} s from one to the next: are they microseconds or milliseconds?"
     if step > _DOUBTFUL_STEP_S:
-        return False, f"{step:.6g} s from one to the next: are they microseconds or milliseconds?"
+        return False, f"{where}, where {usual:.6g} s are usual: a pause, or a wrong time?"
     return None
 
 

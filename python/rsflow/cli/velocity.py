@@ -107,7 +107,8 @@ def run(args: argparse.Namespace) -> int:
         write_velocity_csv(table, rows)
         note = _plotted(picture, rows, str(args.source))
         result.finish([table] if note is not None else [table, picture])
-    notes = [text for text in (*sequence.notes, scaled, not_stated(unstated)) if text]
+    pauses = () if heights is None else heights.notes
+    notes = [text for text in (*sequence.notes, *pauses, scaled, not_stated(unstated)) if text]
     summary = (
         _summary(rows)
         | as_json(track.figures())

@@ -77,6 +77,11 @@ class HeightOf:
         self._known = 0
         self._asked: list[tuple[int, float]] = []
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be said of the heights in the CSV."""
+        return () if self._heights is None else self._heights.notes
+
     def at(self, frame: int, t_s: float) -> float:
         """Give the height in metres, NaN where the CSV has none."""
         if self._heights is None:

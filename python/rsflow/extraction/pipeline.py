@@ -88,6 +88,7 @@ class Pipeline:
         if settings.height_m is not None:
             # Read before the first frame: a wrong file must fail before anything is written.
             self._height = HeightOf(settings.height_m)
+            self.notes.extend(self._height.notes)
             if whole:
                 self._height.expect_some(stream)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -35,6 +36,14 @@ COLUMNS: tuple[str, ...] = (
     "status",
     "std_without",
 )
+
+# Names of columns that say how exact the heights are: dropped in silence, the heights would seem more exact.
+_DEVIATION = re.compile(
+    r"(^|_)(std|stdev|stddev|sigma|deviation|var|variance|error|accuracy|uncertainty)(_|$)", re.IGNORECASE
+)
+
+# A pause between two heights that is longer than this many usual ones is told.
+_PAUSE = 10.0
 
 # Times in video files are rounded, to a millisecond at worst: the last frame may lie that far behind the last row.
 _ROUNDING_S = 1e-3
@@ -83,8 +92,8 @@ class Heights:
         Raises
         ------
         FormatError
-            If a column is missing, a value is no number, keys do not increase, a height is not above 0, or there is
-            no row; the message names file and line.
+            If a column is missing, another has deviations of the heights (an estimator takes one), a value is no
+            number, keys do not increase, a height is not above 0, or there is no row; the message names file and line.
         OSError
             If the file cannot be read.
         """
@@ -95,6 +104,12 @@ class Heights:
             got = f"the columns {', '.join(table.names)[:80]}" if table.names else "no names of columns"
             raise FormatError(
                 f"{path}: the first line has {got}, expected height_m and one of {', '.join(TIME_COLUMNS)}, frame"
+            )
+        stated = next((name for name in table.names if _DEVIATION.search(name)), None)
+        if stated is not None:
+            raise FormatError(
+                f"{path}: got a column {stated[:40]}, expected no deviations, which are not read: give one for "
+                "all heights (height_std_m=, --height-std) and leave the column out"
             )
         if not table.rows:
             raise FormatError(f"{path}: no row after the header, expected heights")
@@ -122,6 +137,20 @@ class Heights:
         if self.by == "t_s":
             return f"times from {self.keys[0]:g} to {self.keys[-1]:g} s"
         return f"{len(self.keys)} frames from {self.keys[0]:g} to {self.keys[-1]:g}, each by its own row"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Say where heights are much further apart than elsewhere: what is between is taken from a straight line."""
+        if self.by != "t_s" or len(self.keys) < 3:
+            return ()
+        steps = np.diff(self.keys)
+        at, usual = int(np.argmax(steps)), float(np.median(steps))
+        if steps[at] <= _PAUSE * usual:
+            return ()
+        return (
+            f"The heights have a pause of {steps[at]:.6g} s from {self.keys[at]:.6g} s on, where {usual:.6g} s are "
+            "usual: between its ends they are taken from a straight line.",
+        )
 
     def at(self, *, frame: int, t_s: float) -> float:
         """Height for a frame: the row of its number, or between the times before and after it; NaN outside.
