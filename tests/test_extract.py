@@ -198,11 +198,22 @@ def test_pictures_without_times(flight, tmp_path):
         assert len(list(stream)) == 4
 
 
-def test_one_frame_is_kept_and_said(flight, tmp_path):
-    out = rsflow.extract([flight.images[0]], tmp_path, frame_rate=30)
-    assert out.frames == 1
-    assert "There is one frame: a motion needs two." in out.summary["notes"]
-    assert "report.html" in names_in(tmp_path)
+def test_one_frame_alone_is_an_error_and_leaves_nothing(flight, tmp_path):
+    with pytest.raises(rsflow.CaptureError, match="has 1 frame, and 1 is left by start=0: two are needed"):
+        rsflow.extract([flight.images[0]], tmp_path, frame_rate=30)
+    assert not names_in(tmp_path)
+
+
+def test_one_frame_before_an_interruption_is_kept_and_said(flight, tmp_path):
+    def interrupted():
+        yield flight.images[0]
+        raise KeyboardInterrupt
+
+    with pytest.raises(rsflow.ExtractionInterrupted) as caught:
+        rsflow.extract(interrupted(), tmp_path, frame_rate=30)
+    assert caught.value.extraction.frames == 1
+    assert "There is one frame: a motion needs two." in caught.value.extraction.summary["notes"]
+    assert names_in(tmp_path)
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32])
