@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -177,6 +178,21 @@ def test_motion_while_rows_are_read_is_told_and_noise_is_not():
         solution = solved(MadeSet(camera, corners, 35.0, 0.06), 5)
         said = _lens_doubts.doubts(solution.problem, solution.found).said
         assert any("rolling shutter" in line for line in said) is told, said
+
+
+@pytest.mark.parametrize(("seed", "zoom"), [(1, 1.15), (1, 1.4), (2, 1.4), (3, 1.15)])
+def test_views_of_two_zooms_are_told(seed: int, zoom: float):
+    rng = np.random.default_rng(seed)
+    camera = made_camera(rng, "pinhole")
+    zoomed = replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)
+    points, corners = BOARD.points().astype(float), []
+    for place, pose in enumerate(made_poses(rng, zoomed, 12, 35.0)):
+        pixels = seen(zoomed if place % 2 else camera, pose, points)
+        corners.append((pixels + rng.normal(0, 0.06, pixels.shape)).astype(np.float32))
+    solution = solved(MadeSet(camera, corners, 35.0, 0.06), 5)
+    said = _lens_doubts._zoomed(solution.problem, solution.found)
+    assert "the focal length differs from view to view" in said
+    assert not any("rolling" in line for line in _lens_doubts.doubts(solution.problem, solution.found).said)
 
 
 def test_a_trend_along_the_radius_is_told():
