@@ -27,7 +27,7 @@ def error(field: rsflow.FlowField, u: float, v: float) -> float:
     return float(np.hypot(difference[..., 0], difference[..., 1]).mean())
 
 
-@pytest.mark.parametrize("preset", ["fast", "balanced", "accurate"])
+@pytest.mark.parametrize("preset", ["ultrafast", "fast", "balanced", "accurate"])
 @pytest.mark.parametrize("illumination", ["none", "offset", "gain_offset"])
 def test_shift_is_found(preset: str, illumination: str) -> None:
     field = rsflow.dense_flow(scene(), scene(3.4, -2.2), preset=preset, illumination=illumination)  # type: ignore[arg-type]
@@ -186,8 +186,8 @@ def test_small_and_empty_frames_are_answered() -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"preset": "slow"}, rsflow.OptionError, 'preset: got "slow", expected "fast", "balanced" or "accurate"'),
-        ({"preset": 1}, rsflow.OptionError, 'preset: got 1, expected "fast"'),
+        ({"preset": "slow"}, rsflow.OptionError, 'preset: got "slow", expected "ultrafast", "fast"'),
+        ({"preset": 1}, rsflow.OptionError, 'preset: got 1, expected "ultrafast"'),
         ({"illumination": "gamma"}, rsflow.OptionError, 'illumination: got "gamma"'),
         ({"max_displacement": -1}, rsflow.OptionError, "max_displacement: got -1, expected a positive number"),
         ({"max_displacement": "far"}, rsflow.OptionError, 'max_displacement: got "far", expected a positive number'),

@@ -15,7 +15,7 @@ from rsflow.interop import opencv
 PAIR = synthetic.shifted_pair(3.25, -1.5, size=(160, 120), seed=3)
 PREV, NEXT = PAIR.prev, PAIR.next
 PRESETS = [
-    (opencv.DISOPTICAL_FLOW_PRESET_ULTRAFAST, "fast"),
+    (opencv.DISOPTICAL_FLOW_PRESET_ULTRAFAST, "ultrafast"),
     (opencv.DISOPTICAL_FLOW_PRESET_FAST, "fast"),
     (opencv.DISOPTICAL_FLOW_PRESET_MEDIUM, "balanced"),
 ]

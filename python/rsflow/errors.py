@@ -68,7 +68,7 @@ class OptionError(RsflowError, ValueError):
     ...     rsflow.DenseFlow(preset="best")
     ... except rsflow.OptionError as error:
     ...     print(error)
-    preset: got "best", expected "fast", "balanced" or "accurate"
+    preset: got "best", expected "ultrafast", "fast", "balanced" or "accurate"
     """
 
 

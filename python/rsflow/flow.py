@@ -31,8 +31,9 @@ class FlowField:
         nothing to measure (masked out, not finite, a frame of one row or column): there it is NaN. Where `valid` is
         False it is carried over from the surroundings, at best.
     valid : ndarray of bool, shape (H, W)
-        Whether the pixel was measured: there is texture in both directions, it stays inside of the picture, and what
-        is left after motion and light is small.
+        Whether the pixel was measured: there is texture in both directions, in its window or, where that is drowned in
+        noise or blurred, in a larger one of a coarse level that agrees; it stays inside of the picture, no edge of
+        motion is near, and what is left after motion and light is small.
     residual : ndarray of float32, shape (H, W)
         Root mean square difference within the pixel's window after motion and light, in grey levels.
 
@@ -228,8 +229,8 @@ def dense_flow(
     ----------
     prev, next : ndarray (H, W) of uint8, uint16 or float32
         The two frames, grey, of the same size and type.
-    preset : {"fast", "balanced", "accurate"}
-        How much time to take for how much accuracy.
+    preset : {"ultrafast", "fast", "balanced", "accurate"}
+        How much time to take for how much accuracy. ``ultrafast`` measures at half the size and interpolates.
     illumination : {"none", "offset", "gain_offset"}
         How light may change: not at all, by an offset within each small window, or besides that by a gain and an
         offset that vary slowly over the picture.
@@ -257,7 +258,8 @@ def dense_flow(
 
     Notes
     -----
-    Coarse to fine Lucas-Kanade with shiftable windows and a variational refinement; the light is part of it: the mean
+    Coarse to fine Lucas-Kanade with shiftable windows and a variational refinement that is smooth relative to the
+    affine motion most of the flow follows, the more so where nearly all of it does; the light is part of it: the mean
     of each window is removed from the least squares, and a gain and an offset that vary slowly over the picture are
     measured on coarse levels where that fits better.
 

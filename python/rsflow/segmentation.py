@@ -71,7 +71,7 @@ class MotionSegmenter(Shared):
     camera_motion : {"moving", "static"}
         Whether the camera moves. Of a static camera more can be told: the outline of what moves, also for a while
         when it pauses.
-    preset : {"fast", "balanced", "accurate"}
+    preset : {"ultrafast", "fast", "balanced", "accurate"}
         Of the dense flow.
     illumination : {"gain_offset", "offset", "none"}
         How light may change, for the dense flow.

@@ -21,6 +21,7 @@ mod illumination;
 mod memory;
 mod parallel;
 mod phase;
+mod presmooth;
 mod pyramid;
 mod sample;
 mod scratch;
@@ -32,8 +33,7 @@ mod track;
 
 pub use corners::{Corner, CornerDetector, CornerOptions, detect_corners};
 pub use dense::{
-    DenseFlow, DenseHints, DenseOptions, DenseSnapshot, FlowField, LevelRecipe, Preset, Recipe,
-    RefineRecipe, dense_flow,
+    DenseFlow, DenseHints, DenseOptions, DenseSnapshot, FlowField, Preset, dense_flow,
 };
 pub use error::{Error, Result};
 pub use execution::Execution;

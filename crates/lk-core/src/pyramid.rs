@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::parallel::{even_bands, for_each_band};
+use crate::presmooth::copy_smoothed;
 use crate::scratch::with_scratch;
 use crate::simd::{Kernel, Level, dispatch};
 use crate::support::Support;
@@ -123,15 +124,16 @@ impl Pyramid {
         levels: usize,
         execution: &Execution,
     ) -> Result<()> {
-        self.rebuild_scaled(frame, levels, 1.0, execution)
+        self.rebuild_smoothed(frame, levels, (1.0, 0.0), execution)
     }
 
-    /// [`Pyramid::rebuild`], with every grey level times `scale`.
-    pub(crate) fn rebuild_scaled<T: Pixel>(
+    /// [`Pyramid::rebuild`], with every grey level times a scale, and smoothed by a filter of three taps, `side` the outer
+    /// ones.
+    pub(crate) fn rebuild_smoothed<T: Pixel>(
         &mut self,
         frame: Frame<'_, T>,
         levels: usize,
-        scale: f32,
+        (scale, side): (f32, f32),
         execution: &Execution,
     ) -> Result<()> {
         if levels == 0 {
@@ -139,7 +141,7 @@ impl Pyramid {
         }
         let (height, width) = frame.dim();
         self.resize([width, height], levels)?;
-        self.levels[0].copy_scaled(frame, scale, execution)?;
+        copy_smoothed(&mut self.levels[0], frame, (scale, side), execution)?;
         self.support[0] = Support::whole(width, height);
         self.reduce_support()?;
         self.reduce_again(execution)

@@ -11,7 +11,7 @@ from .options import FLOAT32_MAX, choice, integer, integers, number, number_or_n
 
 Illumination = Literal["none", "offset", "gain_offset"]
 Deformation = Literal["auto", "none", "affine"]
-Preset = Literal["fast", "balanced", "accurate"]
+Preset = Literal["ultrafast", "fast", "balanced", "accurate"]
 
 
 def illumination(value: object) -> Illumination:

@@ -218,9 +218,9 @@ def choice(name: str, value: object, allowed: Iterable[Word], *, or_none: bool =
 
     Examples
     --------
-    >>> choice("preset", "best", ("fast", "balanced", "accurate"))
+    >>> choice("preset", "best", ("ultrafast", "fast", "balanced", "accurate"))
     Traceback (most recent call last):
-    rsflow.errors.OptionError: preset: got "best", expected "fast", "balanced" or "accurate"
+    rsflow.errors.OptionError: preset: got "best", expected "ultrafast", "fast", "balanced" or "accurate"
     """
     words = list(allowed)
     if isinstance(value, str):

@@ -91,7 +91,7 @@ def add_preset(parser: Arguments, *, default: str) -> None:
     """Add --preset, of dense flow."""
     parser.add_argument(
         "--preset",
-        choices=("fast", "balanced", "accurate"),
+        choices=("ultrafast", "fast", "balanced", "accurate"),
         default=default,
         help=f"of the dense flow (default: {default})",
     )

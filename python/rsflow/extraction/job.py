@@ -75,7 +75,7 @@ def extract(
         Part of the picture to look at, in pixels.
     frame_rate : float, optional
         Frames per second, for pictures, which have no times, and for slow-motion clips.
-    preset : {"fast", "balanced", "accurate"}
+    preset : {"ultrafast", "fast", "balanced", "accurate"}
         Of the dense flow. Displacement and velocity do not depend on it; of what moves, "fast" gives as good outlines
         as the others.
     illumination : {"gain_offset", "offset", "none"}

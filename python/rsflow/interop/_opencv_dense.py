@@ -25,9 +25,9 @@ DISOPTICAL_FLOW_PRESET_ULTRAFAST = 0
 DISOPTICAL_FLOW_PRESET_FAST = 1
 DISOPTICAL_FLOW_PRESET_MEDIUM = 2
 
-# The most accurate of ours that takes no longer in steady light; where there is none, the fastest.
+# Those that are meant for the same time.
 _PRESETS: dict[int, Preset] = {
-    DISOPTICAL_FLOW_PRESET_ULTRAFAST: "fast",
+    DISOPTICAL_FLOW_PRESET_ULTRAFAST: "ultrafast",
     DISOPTICAL_FLOW_PRESET_FAST: "fast",
     DISOPTICAL_FLOW_PRESET_MEDIUM: "balanced",
 }
@@ -104,7 +104,7 @@ def DISOpticalFlow_create(preset: int = DISOPTICAL_FLOW_PRESET_FAST) -> DenseFlo
     Parameters
     ----------
     preset : int
-        ``DISOPTICAL_FLOW_PRESET_ULTRAFAST`` or ``_FAST``: rsflow's ``fast``; ``_MEDIUM``: ``balanced``.
+        ``DISOPTICAL_FLOW_PRESET_ULTRAFAST``: rsflow's ``ultrafast``; ``_FAST``: ``fast``; ``_MEDIUM``: ``balanced``.
 
     Returns
     -------

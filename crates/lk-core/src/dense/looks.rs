@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::frame::Plane;
 
 use super::light::Light;
-use super::{relight, search};
+use super::{large_motion, photometric_align};
 
 /// Looks at one level, and the memory for them.
 #[derive(Debug, Default)]
@@ -33,8 +33,9 @@ impl Looks {
     /// Look at the contrast, if it is wanted, and at the light.
     pub(super) fn look(&mut self, next: &Plane, contrast: bool, light: bool) -> Result<()> {
         let weight = Some(&self.weight).filter(|plane| plane.width() > 0);
-        self.contrast = contrast.then(|| search::contrast(&self.prev));
-        self.lit = light && relight::gain_matters(&mut self.light, &self.prev, next, weight)?;
+        self.contrast = contrast.then(|| large_motion::contrast(&self.prev));
+        self.lit =
+            light && photometric_align::gain_matters(&mut self.light, &self.prev, next, weight)?;
         Ok(())
     }
 }

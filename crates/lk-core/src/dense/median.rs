@@ -5,15 +5,15 @@ use crate::execution::Execution;
 use crate::parallel::{even_bands, for_each_band};
 use crate::simd::{Floats, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
-use super::grid::{self, Grid, PAD};
+use super::padded_plane::{self, PAD, PaddedPlane};
 
 /// Write the median of each pixel of `from` and its eight neighbours `spacing` pixels away; borders repeat the edge.
 ///
 /// With a spacing of 2 the nine reach as far as all of a window of 5 x 5, at the price of 3 x 3.
 pub(super) fn median(
-    from: [&Grid; 2],
+    from: [&PaddedPlane; 2],
     spacing: usize,
-    to: [&mut Grid; 2],
+    to: [&mut PaddedPlane; 2],
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (from[0].width(), from[0].height());
@@ -32,13 +32,13 @@ pub(super) fn median(
                 for (from, to) in from.iter().zip([&mut to_u, &mut to_v]) {
                     let to = to.row_mut(local);
                     let kernel = MedianRow {
-                        count: grid::groups(width),
+                        count: padded_plane::groups(width),
                         spacing,
                         rows: near.map(|y| from.padded(y)),
                         to: &mut *to,
                     };
                     dispatch_lanes(level, kernel);
-                    grid::extend(to, width);
+                    padded_plane::extend(to, width);
                 }
             }
         },

@@ -1,15 +1,17 @@
 //! Dense flow: where every pixel went.
 //!
-//! Coarse to fine ([`descend`]). On each level a few Lucas-Kanade steps over all pixels ([`step`]), after each of which
-//! a pixel may take the flow of a neighbour whose window fits better ([`select`]) and a median removes what stands out
-//! ([`median`]); then a variational refinement ([`refine`]). The mean of each window is taken out, so that an offset of
-//! the light does no harm; where light has changed by more than that, `prev` is first brought to the light of `next`
-//! ([`light`], [`relight`]). Motion that the coarsest level cannot see is looked for where windows are left without a match
-//! ([`search`]). Whether either may be called for is asked beside the coarsest levels ([`looks`]). The last step or round
-//! also judges how well its windows fit ([`judge`]), and what is not to be trusted is marked ([`assess`]).
+//! Coarse to fine ([`coarse_to_fine`]). On each level a few Lucas-Kanade steps over all pixels ([`step`]), after each of
+//! which a pixel may take the flow of a neighbour whose window fits better ([`propagate`]) and a median removes what stands
+//! out ([`median`]); then a variational refinement, at one pixel in 2 x 2 ([`half_round`]) or at all ([`refine`]), that is
+//! smooth relative to the affine motion of most of the flow ([`trend`]). The mean of each window is taken out, so that an
+//! offset of the light does no harm; where light has changed by more than that, `prev` is first brought to the light of
+//! `next` ([`light`], [`photometric_align`]). Motion that the coarsest level cannot see is looked for where windows are left
+//! without a match ([`large_motion`]). Whether either may be called for is asked beside the coarsest levels ([`looks`]). The
+//! last step or round also judges how well its windows fit ([`confidence`]), a coarse level says whether the flow is supported
+//! where the finest one cannot ([`support`]), and what is not to be trusted is marked ([`validity`]).
 //!
 //! What steps and rounds of refinement share is a stream of rows of window sums ([`windows`]): warped ([`warp`]), summed
-//! down ([`sum_down`]) and across ([`moments`]), in strips of columns where the picture is wide ([`columns`]).
+//! down ([`sum_down`]) and across ([`moments`]), in strips of columns where the picture is wide ([`tiles`]).
 //!
 //! Damping and thresholds are in grey levels of 0..255: both frames of a pair are multiplied by the power of two that
 //! the range of `prev` asks for ([`Greys::scale`]), and what is reported in grey levels is divided by it.
@@ -34,26 +36,29 @@ macro_rules! by_radius {
     };
 }
 
-mod assess;
-mod columns;
-mod descend;
+mod coarse_to_fine;
+mod confidence;
 mod field;
-mod grid;
-mod judge;
+mod half_round;
+mod large_motion;
 mod light;
 mod looks;
 mod median;
 mod moments;
 mod options;
+mod padded_plane;
+mod photometric_align;
+mod propagate;
 mod refine;
 mod relax;
-mod relight;
-mod search;
-mod select;
 mod snapshot;
 mod step;
 mod sum_down;
+mod support;
+mod tiles;
+mod trend;
 mod upsample;
+mod validity;
 mod warp;
 mod weights;
 mod windows;
@@ -63,13 +68,14 @@ use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, expect_size, pixels_of, scale_by};
 use crate::grey::Greys;
 use crate::parallel::{both, within_pool};
+use crate::presmooth;
 use crate::pyramid::Pyramid;
 
 pub use field::FlowField;
-pub use options::{DenseHints, DenseOptions, LevelRecipe, Preset, Recipe, RefineRecipe};
+pub use options::{DenseHints, DenseOptions, Preset};
 pub use snapshot::DenseSnapshot;
 
-use descend::{Descent, Memory};
+use coarse_to_fine::{CoarseToFine, Memory};
 use windows::Views;
 
 /// A level is not halved below this, in pixels of its shorter side: the windows of the coarsest level must stay small
@@ -186,11 +192,13 @@ impl DenseFlow {
             )?;
         }
         let execution = self.execution(frame.len());
+        let side = self.options.recipe.smoothing_side();
         let measured = within_pool(&execution, || {
             let levels = self.levels(frame.dim());
             let greys = Greys::of(frame);
             let scale = if primed { &self.prev.greys } else { &greys }.scale();
-            self.next.read(frame, greys, scale, levels, &execution)?;
+            self.next
+                .read(frame, greys, (scale, side), levels, &execution)?;
             if primed {
                 self.prev.rescale(scale);
                 self.measure(hints, &execution, field)?;
@@ -219,6 +227,7 @@ impl DenseFlow {
         pixels_of("prev", prev.dim())?;
         check_hints(prev.dim(), hints)?;
         let execution = self.execution(prev.len());
+        let side = self.options.recipe.smoothing_side();
         let measured = within_pool(&execution, || {
             let levels = self.levels(prev.dim());
             let greys = both(&execution, || Greys::of(prev), || Greys::of(next))?;
@@ -230,8 +239,8 @@ impl DenseFlow {
             } = self;
             let (first, second) = both(
                 &execution,
-                || first.read(prev, greys.0, scale, levels, &execution),
-                || second.read(next, greys.1, scale, levels, &execution),
+                || first.read(prev, greys.0, (scale, side), levels, &execution),
+                || second.read(next, greys.1, (scale, side), levels, &execution),
             )?;
             first.and(second)?;
             self.measure(hints, &execution, field)
@@ -307,14 +316,17 @@ impl DenseFlow {
         }
         // A power of two: dividing by it is exact.
         let unit = prev.scale.recip();
-        let mut descent = Descent {
+        let mut descent = CoarseToFine {
             options,
             execution,
             prev: &mut prev.pyramid,
             next: &next.pyramid,
             ranges: [&prev.greys, &next.greys].map(|greys| greys.range(next.scale)),
             weighted,
+            first: 0,
             found: false,
+            guessing: false,
+            short: false,
             judged: false,
             memory: &mut *memory,
         };
@@ -332,6 +344,7 @@ impl DenseFlow {
             weights,
             given,
             judged,
+            support,
             ..
         } = &*memory;
         let input = Views {
@@ -344,7 +357,15 @@ impl DenseFlow {
         };
         let given = weighted.then_some(given);
         let bad = Some(&next.finite).filter(|plane| plane.width() > 0);
-        assess::assess(input, judged, (given, bad), unit, field, execution)
+        let slopes = memory.trend.slopes;
+        validity::mark(
+            input,
+            (judged, &support.fit),
+            (given, bad),
+            (slopes, unit),
+            field,
+            execution,
+        )
     }
 }
 
@@ -356,19 +377,24 @@ impl Source {
         &mut self,
         frame: Frame<'_, T>,
         greys: Greys,
-        scale: f32,
+        (scale, side): (f32, f32),
         levels: usize,
         execution: &Execution,
     ) -> Result<()> {
         (self.greys, self.scale) = (greys, scale);
-        self.pyramid
-            .rebuild_scaled(frame, levels, scale, execution)?;
         self.finite.resize(0, 0)?;
-        if !greys.stay_finite(scale) {
-            weights::fill(&mut self.pyramid.levels_mut()[0], &mut self.finite)?;
-            self.pyramid.reduce_again(execution)?;
+        if greys.stay_finite(scale) {
+            return self
+                .pyramid
+                .rebuild_smoothed(frame, levels, (scale, side), execution);
         }
-        Ok(())
+        // What is not finite is filled before it can spread.
+        self.pyramid
+            .rebuild_smoothed(frame, levels, (scale, 0.0), execution)?;
+        let finest = &mut self.pyramid.levels_mut()[0];
+        weights::fill(finest, &mut self.finite)?;
+        presmooth::smooth(finest, side, execution)?;
+        self.pyramid.reduce_again(execution)
     }
 
     /// Take another scale: that of a frame that was the second of a pair and is now the first.

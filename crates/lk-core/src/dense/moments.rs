@@ -3,9 +3,9 @@
 
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut};
 
-use super::columns::Columns;
-use super::grid::PAD;
+use super::padded_plane::PAD;
 use super::sum_down::{SUMS, Split};
+use super::tiles::Columns;
 
 /// A row of sums, with those down the columns.
 pub(super) struct Sums<'a> {

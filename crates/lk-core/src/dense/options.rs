@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::illumination::Illumination;
 
-pub use super::refine::RefineRecipe;
+pub(crate) use super::refine::RefineRecipe;
 
 /// How much time dense flow takes for how much accuracy.
 ///
@@ -19,6 +19,8 @@ pub use super::refine::RefineRecipe;
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Preset {
+    /// Measured on a level of half the size, for the least time.
+    Ultrafast,
     /// A few milliseconds for a frame of 640 x 480 on one core.
     Fast,
     /// Small details and sharp edges of motion.
@@ -33,6 +35,7 @@ impl Preset {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
+            Self::Ultrafast => "ultrafast",
             Self::Fast => "fast",
             Self::Balanced => "balanced",
             Self::Accurate => "accurate",
@@ -44,112 +47,213 @@ impl std::str::FromStr for Preset {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        [Self::Fast, Self::Balanced, Self::Accurate]
+        [Self::Ultrafast, Self::Fast, Self::Balanced, Self::Accurate]
             .into_iter()
             .find(|preset| preset.name() == name)
             .ok_or_else(|| {
                 Error::option(
                     "preset",
                     format!("{name:?}"),
-                    "\"fast\", \"balanced\" or \"accurate\"",
+                    "\"ultrafast\", \"fast\", \"balanced\" or \"accurate\"",
                 )
             })
     }
 }
 
-/// What is done on a level.
+/// What is done on a level: steps, then rounds on a grid of half the size, then rounds at all pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LevelRecipe {
-    /// Times that the steps and then the refinement are run.
-    pub cycles: usize,
-    /// Lucas-Kanade steps of a cycle.
-    pub steps: usize,
+pub(crate) struct LevelRecipe {
+    /// Lucas-Kanade steps.
+    pub(crate) steps: usize,
     /// How many of the steps, the first ones, are taken at one pixel in each 2 x 2 and interpolated.
-    pub sparse: usize,
+    pub(crate) sparse: usize,
     /// Half the window of the least squares, 1 to 3.
-    pub radius: usize,
+    pub(crate) radius: usize,
     /// How far away the neighbours are whose flow a pixel may take, 1 to 16 pixels; 0: it takes none.
-    pub distance: usize,
+    pub(crate) distance: usize,
     /// How far apart the nine pixels are whose median is taken after each step, 1 to 16; 0: none.
-    pub median: usize,
-    /// Rounds of variational refinement that end a cycle.
-    pub rounds: usize,
+    pub(crate) median: usize,
+    /// Rounds of refinement at one pixel in each 2 x 2, on levels whose flow comes from a coarser one.
+    pub(crate) half_rounds: usize,
+    /// Rounds of refinement at all pixels.
+    pub(crate) rounds: usize,
+    /// Sweeps of each round.
+    pub(crate) sweeps: usize,
 }
 
 /// The constants behind a preset.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Recipe {
-    /// The finest level, those of a half and of a quarter of its size, and all coarser ones.
-    pub levels: [LevelRecipe; 4],
+pub(crate) struct Recipe {
+    /// The finest level, and those of a half and of a quarter of its size.
+    pub(crate) fine: [LevelRecipe; 3],
+    /// The finest level that is measured: 0, or 1 where the flow of half the size is interpolated.
+    pub(crate) finest: usize,
+    /// All coarser ones, and those from which the measurement starts.
+    pub(crate) coarse: LevelRecipe,
     /// A neighbour's window must have less than this share of a pixel's own mean squared difference.
-    pub better: f32,
+    pub(crate) match_ratio: f32,
     /// Added to the diagonal of the structure tensor (mean over the window), in squared grey levels of 0..255.
-    pub damping: f32,
+    pub(crate) damping: f32,
     /// The longest step along each axis, in pixels of the level.
-    pub longest: f32,
-    /// The refinement of the levels that have one.
-    pub refine: RefineRecipe,
+    pub(crate) max_step: f32,
+    /// Both frames are smoothed by this much first: the standard deviation in pixels, at most 0.7.
+    pub(crate) presmoothing: f32,
+    /// How many guesses of the windows of the light are tried where it has changed, 1 to 4.
+    pub(crate) lights: usize,
+    /// How many times smoothness counts where the whole flow is affine.
+    pub(crate) affine_gain: f32,
+    pub(crate) refine: RefineRecipe,
 }
 
 impl Default for RefineRecipe {
     fn default() -> Self {
         Self {
-            sweeps: 3,
             radius: 2,
-            alpha: 0.7,
-            ground: 4.0,
+            alpha: 2.8,
+            trace_floor: 2.0,
             data_epsilon: 0.1,
-            smooth_epsilon: 0.005,
-            edge: 20.0,
-            relaxation: 1.6,
+            smooth_epsilon: 0.02,
+            edge_scale: 10.0,
+            relaxation: 1.85,
         }
     }
 }
 
 impl Recipe {
+    /// The outer taps of the filter of three that smooths the frames: its variance is twice that.
+    pub(crate) fn smoothing_side(&self) -> f32 {
+        0.5 * self.presmoothing * self.presmoothing
+    }
+
     /// The recipe of `preset`.
     #[must_use]
-    pub fn new(preset: Preset) -> Self {
-        let level = |steps, sparse, rounds, distance| LevelRecipe {
-            cycles: 1,
-            steps,
-            sparse,
+    pub(crate) fn new(preset: Preset) -> Self {
+        let level = LevelRecipe {
+            steps: 2,
+            sparse: 2,
             radius: 3,
-            distance,
+            distance: 3,
             median: 2,
-            rounds,
+            half_rounds: 1,
+            rounds: 0,
+            sweeps: 8,
         };
-        let (levels, better, sweeps) = match preset {
-            Preset::Fast => {
-                let coarse = level(3, 1, 1, 3);
-                (
-                    [level(1, 1, 0, 3), level(2, 1, 0, 3), coarse, coarse],
-                    0.9,
-                    4,
-                )
-            }
-            Preset::Balanced => {
-                let coarse = level(6, 3, 2, 3);
-                (
-                    [level(1, 1, 1, 3), level(3, 2, 1, 3), coarse, coarse],
-                    0.9,
-                    3,
-                )
-            }
-            Preset::Accurate => {
-                let (fine, coarse) = (level(5, 0, 5, 3), level(8, 0, 5, 5));
-                ([fine, fine, coarse, coarse], 0.85, 6)
-            }
+        let coarse = LevelRecipe {
+            sparse: 1,
+            radius: 2,
+            half_rounds: 0,
+            rounds: 2,
+            sweeps: 6,
+            ..level
         };
-        Self {
-            levels,
-            better,
+        let recipe = Self {
+            fine: [level; 3],
+            finest: 0,
+            coarse,
+            match_ratio: 0.9,
             damping: 0.3,
-            longest: 0.7,
-            refine: RefineRecipe {
-                sweeps,
-                ..RefineRecipe::default()
+            max_step: 0.7,
+            presmoothing: 0.7,
+            lights: 1,
+            affine_gain: 7.0,
+            refine: RefineRecipe::default(),
+        };
+        match preset {
+            Preset::Ultrafast => Self {
+                fine: [
+                    level,
+                    LevelRecipe {
+                        steps: 1,
+                        sparse: 1,
+                        half_rounds: 2,
+                        sweeps: 6,
+                        ..level
+                    },
+                    LevelRecipe {
+                        sparse: 1,
+                        half_rounds: 0,
+                        rounds: 1,
+                        sweeps: 5,
+                        ..level
+                    },
+                ],
+                finest: 1,
+                ..recipe
             },
+            Preset::Fast => Self {
+                fine: [
+                    LevelRecipe { sweeps: 4, ..level },
+                    LevelRecipe {
+                        steps: 1,
+                        sparse: 1,
+                        sweeps: 6,
+                        ..level
+                    },
+                    LevelRecipe {
+                        sparse: 1,
+                        half_rounds: 0,
+                        rounds: 1,
+                        sweeps: 5,
+                        ..level
+                    },
+                ],
+                ..recipe
+            },
+            Preset::Balanced => Self {
+                fine: [
+                    LevelRecipe {
+                        steps: 1,
+                        sparse: 1,
+                        half_rounds: 2,
+                        ..level
+                    },
+                    LevelRecipe {
+                        steps: 3,
+                        sparse: 3,
+                        half_rounds: 2,
+                        sweeps: 12,
+                        ..level
+                    },
+                    LevelRecipe {
+                        distance: 0,
+                        half_rounds: 2,
+                        sweeps: 12,
+                        ..level
+                    },
+                ],
+                coarse: LevelRecipe {
+                    rounds: 3,
+                    sweeps: 8,
+                    ..coarse
+                },
+                match_ratio: 0.85,
+                lights: 4,
+                ..recipe
+            },
+            Preset::Accurate => {
+                let fine = LevelRecipe {
+                    steps: 5,
+                    sparse: 0,
+                    half_rounds: 0,
+                    rounds: 3,
+                    sweeps: 14,
+                    ..level
+                };
+                let coarse = LevelRecipe {
+                    steps: 8,
+                    distance: 5,
+                    rounds: 5,
+                    ..fine
+                };
+                Self {
+                    fine: [fine, fine, coarse],
+                    coarse,
+                    match_ratio: 0.85,
+                    presmoothing: 0.6,
+                    lights: 4,
+                    ..recipe
+                }
+            }
         }
     }
 }
@@ -179,13 +283,6 @@ impl DenseOptions {
     #[must_use]
     pub fn preset(mut self, preset: Preset) -> Self {
         self.recipe = Recipe::new(preset);
-        self
-    }
-
-    /// The constants behind a preset, for those who tune their own.
-    #[must_use]
-    pub fn recipe(mut self, recipe: Recipe) -> Self {
-        self.recipe = recipe;
         self
     }
 
@@ -225,63 +322,8 @@ impl DenseOptions {
                 "a positive number of pixels, or None",
             ));
         }
-        for level in &self.recipe.levels {
-            if !(1..=3).contains(&level.radius) {
-                return Err(Error::option("radius", level.radius, "1, 2 or 3"));
-            }
-            if level.distance > 16 {
-                return Err(Error::option("distance", level.distance, "0 to 16 pixels"));
-            }
-            if level.median > 16 {
-                return Err(Error::option("median", level.median, "0 to 16 pixels"));
-            }
-            for (name, count) in [
-                ("cycles", level.cycles),
-                ("steps", level.steps),
-                ("sparse", level.sparse),
-                ("rounds", level.rounds),
-            ] {
-                at_most(name, count, MOST_REPETITIONS)?;
-            }
-        }
-        if !(1..=3).contains(&self.recipe.refine.radius) {
-            return Err(Error::option(
-                "refine.radius",
-                self.recipe.refine.radius,
-                "1, 2 or 3",
-            ));
-        }
-        at_most("refine.sweeps", self.recipe.refine.sweeps, MOST_SWEEPS)?;
-        let positive = [
-            ("better", self.recipe.better),
-            ("damping", self.recipe.damping),
-            ("longest", self.recipe.longest),
-            ("refine.alpha", self.recipe.refine.alpha),
-            ("refine.ground", self.recipe.refine.ground),
-            ("refine.data_epsilon", self.recipe.refine.data_epsilon),
-            ("refine.smooth_epsilon", self.recipe.refine.smooth_epsilon),
-            ("refine.edge", self.recipe.refine.edge),
-            ("refine.relaxation", self.recipe.refine.relaxation),
-        ];
-        for (name, value) in positive {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(Error::option(name, value, "a positive number"));
-            }
-        }
         Ok(())
     }
-}
-
-/// Most cycles, steps and rounds of a level: far beyond what changes a flow.
-const MOST_REPETITIONS: usize = 1000;
-/// Most sweeps of a round, each of which takes rows of memory.
-const MOST_SWEEPS: usize = 100;
-
-fn at_most(name: &'static str, count: usize, most: usize) -> Result<()> {
-    if count > most {
-        return Err(Error::option(name, count, format!("0 to {most}")));
-    }
-    Ok(())
 }
 
 /// What a measurement may know besides its two frames.

@@ -1,12 +1,14 @@
 //! Variational refinement: the flow of a level that fits the windows of all pixels and is smooth but for edges.
 //!
-//! The energy is the sum over pixels of psi(q / (trace + `ground`)) + alpha w psi(|grad u|^2 + |grad v|^2): q is the
+//! The energy is the sum over pixels of phi(q / (trace + floor)) + alpha w psi(|grad u|^2 + |grad v|^2): q is the
 //! mean squared difference within the window as the structure tensor predicts it for a change of the flow (combined
 //! local and global, Bruhn, Weickert and Schnoerr 2005), centred, so that an offset of the light changes nothing;
 //! divided by the trace it is about the square of a distance in pixels (Zimmer, Bruhn and Weickert 2011); w is small at
-//! edges of the picture; psi(s^2) = sqrt(s^2 + epsilon^2). A round warps `next` anew, fixes the weights that psi gives,
-//! and relaxes the linear system ([`relax`](super::relax)), all in one pass over the rows: nothing but the flow itself
-//! is as large as the picture.
+//! edges of the picture; phi(s^2) = log(s^2 + epsilon^2) / 2, so that noise counts by its inverse variance, and
+//! psi(s^2) = sqrt(s^2 + epsilon^2). The gradients of u and v are taken relative to the slopes of
+//! most of the flow ([`trend`](super::trend)), so that a turn or a zoom is smooth. A round warps `next` anew, fixes the
+//! weights that psi gives, and relaxes the linear system ([`relax`](super::relax)), all in one pass over the rows: nothing
+//! but the flow itself is as large as the picture. [`half_round`](super::half_round) does the same for one pixel in 2 x 2.
 #![allow(clippy::needless_range_loop, reason = "several arrays run along")]
 
 use crate::error::Result;
@@ -15,61 +17,77 @@ use crate::parallel::{EvenRows, for_each_band};
 use crate::scratch::with_scratch;
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
-use super::columns::Columns;
-use super::grid::{self, Grid, PAD};
+use super::padded_plane::{self, PAD, PaddedPlane};
 use super::relax::Rows;
+use super::tiles::Columns;
+use super::trend::Slopes;
 
-use super::judge::{Judge, Judged};
-use super::moments::{Reader, Sums};
+use super::confidence::{Judge, Judged};
+use super::moments::{Moments, Reader, Sums};
 use super::windows::{Views, Windows};
 
 /// How a level is refined.
 ///
 /// The weights are those of the energy in the module's words: data against smoothness.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RefineRecipe {
-    /// Sweeps over all pixels in each round.
-    pub sweeps: usize,
+pub(crate) struct RefineRecipe {
     /// Half the window of the data term, 1 to 3.
-    pub radius: usize,
+    pub(crate) radius: usize,
     /// Weight of smoothness against data.
-    pub alpha: f32,
+    pub(crate) alpha: f32,
     /// Added to the trace of the structure tensor, in squared grey levels of 0..255.
-    pub ground: f32,
-    /// Below this distance in pixels the data term is quadratic.
-    pub data_epsilon: f32,
+    pub(crate) trace_floor: f32,
+    /// Below this distance in pixels the data term is quadratic: its weight does not grow any more.
+    pub(crate) data_epsilon: f32,
     /// Below this difference of the flow of neighbours smoothness is quadratic, in pixels.
-    pub smooth_epsilon: f32,
+    pub(crate) smooth_epsilon: f32,
     /// Gradient of the picture, in grey levels of 0..255 per pixel, at which smoothness counts half.
-    pub edge: f32,
-    /// Over-relaxation, 1 to 2.
-    pub relaxation: f32,
+    pub(crate) edge_scale: f32,
+    /// Over-relaxation, 1 to 2: with little of it hundreds of sweeps would be needed where there is no texture.
+    pub(crate) relaxation: f32,
+}
+
+/// What a round needs to know besides its planes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RoundOptions {
+    pub(super) recipe: RefineRecipe,
+    /// Sweeps over all pixels.
+    pub(super) sweeps: usize,
+    /// Remove the mean of each window: an offset of the light then changes nothing.
+    pub(super) centred: bool,
+    /// Slopes of u and v that are smooth, per pixel.
+    pub(super) slopes: Slopes,
 }
 
 /// Write to `to` the flow of `views` after one round; `judged` becomes what the windows say of it.
 pub(super) fn round(
     views: Views<'_>,
-    recipe: &RefineRecipe,
-    centred: bool,
-    to: (&mut Grid, &mut Grid),
+    options: &RoundOptions,
+    to: (&mut PaddedPlane, &mut PaddedPlane),
     judged: Option<&mut Judged>,
     execution: &Execution,
 ) -> Result<()> {
+    let recipe = &options.recipe;
     let (width, height) = (views.prev.width(), views.prev.height());
     to.0.resize(width, height)?;
     to.1.resize(width, height)?;
     let judged = match judged {
         Some(judged) => {
             judged.resize(width, height)?;
-            let Judged { fit, misfit } = judged;
+            let Judged {
+                fit,
+                bearable,
+                misfit,
+            } = judged;
             Some((
                 EvenRows::new(fit.rows_mut()),
+                EvenRows::new(bearable.rows_mut()),
                 EvenRows::new(misfit.rows_mut()),
             ))
         }
         None => None,
     };
-    let halves = 2 * recipe.sweeps;
+    let halves = 2 * options.sweeps;
     // A band begins its sweeps beyond its own rows, which costs most of what as many rows more would: as few bands as
     // there are threads.
     let min_rows = height.div_ceil(execution.num_threads()).max(2 * halves);
@@ -89,10 +107,17 @@ pub(super) fn round(
                 let (memory, system) = memory.split_at_mut(size);
                 for columns in strips.clone() {
                     let (memory, system) = (&mut *memory, &mut *system);
-                    let mut windows =
-                        Windows::new(level, views, columns, recipe.radius, centred, memory);
+                    let mut windows = Windows::new(
+                        level,
+                        views,
+                        columns,
+                        recipe.radius,
+                        options.centred,
+                        memory,
+                    );
                     let size = (columns.computed(), height);
-                    let mut rows = Rows::new(level, size, halves, recipe.relaxation, system);
+                    let relaxed = (recipe.relaxation, options.slopes);
+                    let mut rows = Rows::new(level, size, halves, relaxed, system);
                     let first = band.start.saturating_sub(halves);
                     let last = (band.end + halves).min(height);
                     windows.start(first);
@@ -106,38 +131,21 @@ pub(super) fn round(
                             let judged = judged
                                 .as_mut()
                                 .filter(|_| lead % 2 == 0 && band.contains(&lead))
-                                .map(|(fit, misfit)| {
-                                    [fit, misfit]
+                                .map(|(fit, bearable, misfit)| {
+                                    [fit, bearable, misfit]
                                         .map(|grid| &mut grid.row_mut(lead)[columns.start / 2..])
                                 });
                             by_radius!(recipe.radius, SIZE => dispatch_lanes(level, Prepare::<SIZE> {
                                 sums,
                                 flow,
-                                recipe,
+                                options,
                                 to,
                                 columns,
                                 judged,
                             }));
                             rows.border(lead);
                         }
-                        // How far beyond the band a row must be up to date: less from half-sweep to half-sweep.
-                        let within = |y: usize, margin: usize| {
-                            y + margin >= band.start && y < (band.end + margin).min(height)
-                        };
-                        let Some(y) = lead.checked_sub(1) else {
-                            continue;
-                        };
-                        if within(y, halves.saturating_sub(1)) {
-                            rows.close(y);
-                        }
-                        for half in 0..halves.min(y + 1) {
-                            if within(y - half, halves - 1 - half) {
-                                rows.half_sweep(half, y - half);
-                            }
-                        }
-                        if let Some(done) = lead.checked_sub(halves.max(1))
-                            && band.contains(&done)
-                        {
+                        if let Some(done) = rows.follow(lead, &band, halves) {
                             let (u, v) = (
                                 to_u.row_mut(done - band.start),
                                 to_v.row_mut(done - band.start),
@@ -149,7 +157,7 @@ pub(super) fn round(
             })?;
             for local in 0..band.len() {
                 for grid in [&mut to_u, &mut to_v] {
-                    grid::extend(grid.row_mut(local), width);
+                    padded_plane::extend(grid.row_mut(local), width);
                 }
             }
             Ok(())
@@ -162,10 +170,10 @@ struct Prepare<'a, const N: usize> {
     sums: Sums<'a>,
     /// The rows above, at and below of u and v.
     flow: [[&'a [f32]; 3]; 2],
-    recipe: &'a RefineRecipe,
+    options: &'a RoundOptions,
     to: super::relax::Row<'a>,
     columns: Columns,
-    judged: Option<[&'a mut [f32]; 2]>,
+    judged: Option<[&'a mut [f32]; 3]>,
 }
 
 impl<const N: usize> LaneKernel for Prepare<'_, N> {
@@ -173,14 +181,13 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
     fn run<S: Simd>(self, s: S) {
         let count = self.sums.split.count;
         let reader = Reader::<S, N>::new(s, &self.sums);
-        let recipe = self.recipe;
+        let weights = Weights::new(s, &self.options.recipe, 1);
+        let slopes_of = self
+            .options
+            .slopes
+            .map(|axis| axis.map(|slope| s.splat(slope)));
         let half = s.splat(0.5);
-        let smooth_epsilon = s.splat(recipe.smooth_epsilon * recipe.smooth_epsilon);
-        let data_epsilon = s.splat(recipe.data_epsilon * recipe.data_epsilon);
-        let ground = s.splat(recipe.ground);
-        let edge = s.splat(recipe.edge * recipe.edge);
-        let strength = s.splat(0.5 * recipe.alpha * recipe.edge * recipe.edge);
-        let (zero, one) = (s.splat(0.0), s.splat(1.0));
+        let zero = s.splat(0.0);
         let near = |row, offset: usize| blocks(row, PAD + offset - 1, 2 * count);
         let [[ua, u, ub], [va, v, vb]] = self.flow;
         let across = [[near(u, 0), near(u, 2)], [near(v, 0), near(v, 2)]];
@@ -195,12 +202,14 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
         let mut judge = self.judged.map(|rows| Judge::new(s, N, wanted, rows));
         let (to_bu, to_bv) = (&mut groups(to_bu, count), &mut groups(to_bv, count));
         for i in 0..count {
-            let mut slopes = [smooth_epsilon; 2];
+            let mut slopes = [zero; 2];
             for k in 0..2 {
                 for axis in 0..2 {
                     let j = 2 * i + k;
+                    let [along_x, along_y] = slopes_of[axis];
                     let x = (s.get(&across[axis][1][j]) - s.get(&across[axis][0][j])) * half;
                     let y = (s.get(&down[axis][1][j]) - s.get(&down[axis][0][j])) * half;
+                    let (x, y) = (x - along_x, y - along_y);
                     slopes[k] = slopes[k] + (x * x + y * y);
                 }
             }
@@ -219,28 +228,77 @@ impl<const N: usize> LaneKernel for Prepare<'_, N> {
                 judge.put(i - first, moments[0], [zero; 2]);
             }
             for k in 0..2 {
-                let [_, xx, xy, yy, xd, yd, dd] = moments[k];
-                let (u, v) = (u[k], v[k]);
-                let trace = xx + yy;
-                let smooth = strength / ((edge + trace) * slopes[k].sqrt());
-                // 1 / (t sqrt(dd / t + epsilon^2)) with t = trace + ground.
-                let spread = trace + ground;
-                let data = one / (spread * (dd.max(zero) + data_epsilon * spread)).sqrt();
-                u.put(&mut to_u[k][i]);
-                v.put(&mut to_v[k][i]);
+                let equations = weights.equations(moments[k], slopes[k], [u[k], v[k]]);
+                let [smooth, xx, xy, yy, bu, bv] = equations;
+                u[k].put(&mut to_u[k][i]);
+                v[k].put(&mut to_v[k][i]);
                 smooth.put(&mut to_smooth[k][i]);
-                (xx * data).put(&mut to_xx[k][i]);
-                (xy * data).put(&mut to_xy[k][i]);
-                (yy * data).put(&mut to_yy[k][i]);
-                ((xx * u + xy * v - xd) * data).put(&mut to_bu[k][i]);
-                ((xy * u + yy * v - yd) * data).put(&mut to_bv[k][i]);
+                xx.put(&mut to_xx[k][i]);
+                xy.put(&mut to_xy[k][i]);
+                yy.put(&mut to_yy[k][i]);
+                bu.put(&mut to_bu[k][i]);
+                bv.put(&mut to_bv[k][i]);
             }
         }
     }
 }
 
+/// The weights of data and smoothness.
+pub(super) struct Weights<F> {
+    smooth_epsilon: F,
+    data_epsilon: F,
+    trace_floor: F,
+    edge: F,
+    strength: F,
+    zero: F,
+    one: F,
+}
+
+impl<F: Floats> Weights<F> {
+    /// For pixels that are `apart` pixels from each other: as many times fewer along each axis speak for the data, and
+    /// their differences are as many times larger.
+    #[inline(always)]
+    pub(super) fn new<S: Simd<F = F>>(s: S, recipe: &RefineRecipe, apart: usize) -> Self {
+        let square = |value: f32| value * value;
+        let share = 0.5 / square(apart as f32);
+        Self {
+            smooth_epsilon: s.splat(square(recipe.smooth_epsilon)),
+            data_epsilon: s.splat(square(recipe.data_epsilon)),
+            trace_floor: s.splat(recipe.trace_floor),
+            edge: s.splat(square(recipe.edge_scale)),
+            strength: s.splat(share * recipe.alpha * square(recipe.edge_scale)),
+            zero: s.splat(0.0),
+            one: s.splat(1.0),
+        }
+    }
+
+    /// Half the weight of smoothness, the matrix of the data (xx, xy, yy) and its right side, for squared slopes of the flow
+    /// and the flow itself.
+    #[inline(always)]
+    pub(super) fn equations(
+        &self,
+        [_, xx, xy, yy, xd, yd, dd]: Moments<F>,
+        slopes: F,
+        [u, v]: [F; 2],
+    ) -> [F; 6] {
+        let trace = xx + yy;
+        let smooth = self.strength / ((self.edge + trace) * (slopes + self.smooth_epsilon).sqrt());
+        // 1 / (t (dd / t + epsilon^2)) with t = trace + floor.
+        let spread = trace + self.trace_floor;
+        let data = self.one / (dd.max(self.zero) + self.data_epsilon * spread);
+        [
+            smooth,
+            xx * data,
+            xy * data,
+            yy * data,
+            (xx * u + xy * v - xd) * data,
+            (xy * u + yy * v - yd) * data,
+        ]
+    }
+}
+
 /// Both halves of a split row, in groups of lanes.
 #[inline(always)]
-fn groups([even, odd]: [&mut [f32]; 2], count: usize) -> [&mut [[f32; LANES]]; 2] {
+pub(super) fn groups([even, odd]: [&mut [f32]; 2], count: usize) -> [&mut [[f32; LANES]]; 2] {
     [blocks_mut(even, PAD, count), blocks_mut(odd, PAD, count)]
 }

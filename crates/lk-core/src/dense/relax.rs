@@ -5,11 +5,14 @@
 //! cache. Rows are split into even and odd pixels: in each row one of the two is red. A half-sweep reads pixels that it
 //! does not write, so that threads cannot change a bit. At the border the picture is mirrored.
 
+use std::ops::Range;
+
 use crate::simd::{Floats, LaneKernel, Level, Simd, blocks, blocks_mut, dispatch_lanes};
 
-use super::columns::Columns;
-use super::grid::PAD;
+use super::padded_plane::PAD;
 use super::sum_down::Split;
+use super::tiles::Columns;
+use super::trend::Slopes;
 
 /// Quantities of a pixel besides the flow: half the weight of smoothness, by whose sum two neighbours are joined; the
 /// matrix, later its inverse (xx, xy, yy); the right side.
@@ -26,6 +29,8 @@ pub(super) struct Rows<'a> {
     height: usize,
     slots: usize,
     relaxation: f32,
+    /// What u and v change by from an element to the next where they are smooth.
+    slopes: Slopes,
     split: Split,
     /// u and v.
     flow: &'a mut [f32],
@@ -52,7 +57,7 @@ impl<'a> Rows<'a> {
         level: Level,
         (width, height): (usize, usize),
         halves: usize,
-        relaxation: f32,
+        (relaxation, slopes): (f32, Slopes),
         memory: &'a mut [f32],
     ) -> Self {
         let (split, slots) = (Split::of(width), Self::slots(halves));
@@ -63,6 +68,7 @@ impl<'a> Rows<'a> {
             height,
             slots,
             relaxation,
+            slopes,
             split,
             flow,
             system,
@@ -85,10 +91,11 @@ impl<'a> Rows<'a> {
         let (slot, half, width) = (y % self.slots, self.split.half, self.width);
         let flow = &mut self.flow[slot * 4 * half..][..4 * half];
         let smooth = &mut self.system[(slot * SYSTEM + SMOOTH) * 2 * half..][..2 * half];
-        for row in flow.chunks_exact_mut(2 * half).chain([smooth]) {
+        let steps = [self.slopes[0][0], self.slopes[1][0], 0.0];
+        for (row, step) in flow.chunks_exact_mut(2 * half).chain([smooth]).zip(steps) {
             let (even, odd) = row.split_at_mut(half);
-            mirror(even, 0, width);
-            mirror(odd, 1, width);
+            mirror(even, 0, width, step);
+            mirror(odd, 1, width, step);
         }
     }
 
@@ -100,21 +107,24 @@ impl<'a> Rows<'a> {
     }
 
     /// Join the pixels of row `y` to their neighbours and invert their matrices.
-    pub(super) fn close(&mut self, y: usize) {
+    fn close(&mut self, y: usize) {
         let [above, below] = self.neighbours(y);
         let (slots, size) = (self.slots, SYSTEM * 2 * self.split.half);
         let (here, [above, below]) =
             around(self.system, size, [y, above, below].map(|y| y % slots));
-        let kernel = Invert {
+        let kernel = Join {
             split: self.split,
             smooth: [above, below],
+            slopes: self.slopes,
+            // Beyond the first and the last row stands the mirrored one, which lies on the other side.
+            sides: [y == 0, y + 1 == self.height].map(|outside| if outside { -1.0 } else { 1.0 }),
             here,
         };
         dispatch_lanes(self.level, kernel);
     }
 
     /// Relax every second pixel of row `y`, as the `half`-th half-sweep does.
-    pub(super) fn half_sweep(&mut self, half: usize, y: usize) {
+    fn half_sweep(&mut self, half: usize, y: usize) {
         let [above, below] = self.neighbours(y);
         let (slots, row) = (self.slots, 2 * self.split.half);
         let places = [y, above, below].map(|y| y % slots);
@@ -131,13 +141,40 @@ impl<'a> Rows<'a> {
             flow: &mut *here,
         };
         dispatch_lanes(self.level, kernel);
-        for axis in here.chunks_exact_mut(row) {
+        for (axis, slopes) in here.chunks_exact_mut(row).zip(self.slopes) {
             mirror(
                 &mut axis[first * self.split.half..][..self.split.half],
                 first,
                 self.width,
+                slopes[0],
             );
         }
+    }
+
+    /// Relax what can be relaxed once row `lead` is filled, where `band` and as many rows beyond it as its sweeps depend on
+    /// are wanted. Returns the row that is done, if it is one of the band.
+    pub(super) fn follow(
+        &mut self,
+        lead: usize,
+        band: &Range<usize>,
+        halves: usize,
+    ) -> Option<usize> {
+        // How far beyond the band a row must be up to date: less from half-sweep to half-sweep.
+        let height = self.height;
+        let within = |y: usize, margin: usize| {
+            y + margin >= band.start && y < (band.end + margin).min(height)
+        };
+        let y = lead.checked_sub(1)?;
+        if within(y, halves.saturating_sub(1)) {
+            self.close(y);
+        }
+        for half in 0..halves.min(y + 1) {
+            if within(y - half, halves - 1 - half) {
+                self.half_sweep(half, y - half);
+            }
+        }
+        lead.checked_sub(halves.max(1))
+            .filter(|done| band.contains(done))
     }
 
     /// Write the columns of row `y` that are wanted into padded rows.
@@ -145,7 +182,7 @@ impl<'a> Rows<'a> {
         let row = 2 * self.split.half;
         let flow = &self.flow[(y % self.slots) * 2 * row..][..2 * row];
         for (to, from) in to.into_iter().zip(flow.chunks_exact(row)) {
-            let kernel = Join {
+            let kernel = Interleave {
                 half: self.split.half,
                 columns,
                 from,
@@ -156,15 +193,16 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Mirror the pixels of one half of a split row (`odd` is 0 or 1) into the places that neighbours look at.
-fn mirror(row: &mut [f32], odd: usize, width: usize) {
+/// Mirror the pixels of one half of a split row (`odd` is 0 or 1) into the places that neighbours look at, on a slope of
+/// `step` from pixel to pixel.
+fn mirror(row: &mut [f32], odd: usize, width: usize, step: f32) {
     if odd == 1 {
-        row[PAD - 1] = row[PAD];
+        row[PAD - 1] = row[PAD] - 2.0 * step;
     }
     // The pixel right of the last one, if it belongs to this half.
     if width % 2 == odd {
         let at = PAD + width / 2;
-        row[at] = row[at - 1];
+        row[at] = row[at - 1] + 2.0 * step;
     }
 }
 
@@ -187,15 +225,19 @@ fn around(
     (row, [other(above), other(below)])
 }
 
-/// Joins each pixel to its neighbours, and inverts its matrix.
-struct Invert<'a> {
+/// Joins each pixel to its neighbours, adds what it differs from them by on the slopes to its right side, and inverts its
+/// matrix.
+struct Join<'a> {
     split: Split,
     /// The systems of the rows above and below.
     smooth: [&'a [f32]; 2],
+    slopes: Slopes,
+    /// 1 for a row above or below that lies there, -1 for one that is mirrored.
+    sides: [f32; 2],
     here: &'a mut [f32],
 }
 
-impl LaneKernel for Invert<'_> {
+impl LaneKernel for Join<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Split { half, count } = self.split;
@@ -203,18 +245,28 @@ impl LaneKernel for Invert<'_> {
         let smooth = &*smooth;
         let (xx, rest) = rest.split_at_mut(2 * half);
         let (xy, rest) = rest.split_at_mut(2 * half);
-        let yy = &mut rest[..2 * half];
+        let (yy, rest) = rest.split_at_mut(2 * half);
+        let (bu, rest) = rest.split_at_mut(2 * half);
+        let bv = &mut rest[..2 * half];
         let one = s.splat(1.0);
         let zero = s.splat(0.0);
+        let [[u_x, u_y], [v_x, v_y]] = self.slopes.map(|axis| axis.map(|slope| s.splat(slope)));
+        let [side_above, side_below] = self.sides.map(|side| s.splat(side));
         for odd in 0..2 {
             let at = odd * half + PAD;
             let joints = Joints::new(&self.split, odd, smooth, self.smooth);
             let xx = blocks_mut(xx, at, count);
             let xy = blocks_mut(xy, at, count);
             let yy = blocks_mut(yy, at, count);
+            let bu = blocks_mut(bu, at, count);
+            let bv = blocks_mut(bv, at, count);
             for i in 0..count {
                 let [left, right, above, below] = joints.get(s, i);
                 let joined = (left + right) + (above + below);
+                let across = left - right;
+                let down = above * side_above - below * side_below;
+                (s.get(&bu[i]) + (across * u_x + down * u_y)).put(&mut bu[i]);
+                (s.get(&bv[i]) + (across * v_x + down * v_y)).put(&mut bv[i]);
                 let (a, b, c) = (
                     s.get(&xx[i]) + joined,
                     s.get(&xy[i]),
@@ -338,14 +390,14 @@ fn one_half(row: &mut [f32], half: usize, odd: usize) -> (&mut [f32], &[f32]) {
 }
 
 /// Even and odd pixels in turn.
-struct Join<'a> {
+struct Interleave<'a> {
     half: usize,
     columns: Columns,
     from: &'a [f32],
     to: &'a mut [f32],
 }
 
-impl LaneKernel for Join<'_> {
+impl LaneKernel for Interleave<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let (first, count) = (PAD + self.columns.skipped(), self.columns.groups());

@@ -7,10 +7,10 @@ use crate::parallel::for_each_band;
 use crate::scratch::with_scratch;
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
-use super::columns::Columns;
-use super::grid::{self, Grid, PAD};
+use super::padded_plane::{self, PAD, PaddedPlane};
+use super::tiles::Columns;
 
-use super::judge::{Judge, Judged};
+use super::confidence::{Judge, Judged};
 use super::moments::{Moments, Reader, Sums};
 use super::windows::{Views, Windows};
 
@@ -24,14 +24,14 @@ pub(super) struct StepOptions {
     /// Added to the diagonal of the structure tensor (means over the window), in squared grey levels per pixel.
     pub(super) damping: f32,
     /// The longest step along each axis, in pixels.
-    pub(super) longest: f32,
+    pub(super) max_step: f32,
 }
 
 /// Write the flow after one step, and the mean squared difference of each window before it.
 pub(super) fn step(
     views: Views<'_>,
     options: &StepOptions,
-    (u, v, energy): (&mut Grid, &mut Grid, &mut Grid),
+    (u, v, energy): (&mut PaddedPlane, &mut PaddedPlane, &mut PaddedPlane),
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (views.prev.width(), views.prev.height());
@@ -72,7 +72,7 @@ pub(super) fn step(
             })?;
             for local in 0..rows.len() {
                 for grid in [&mut u, &mut v, &mut energy] {
-                    grid::extend(grid.row_mut(local), width);
+                    padded_plane::extend(grid.row_mut(local), width);
                 }
             }
             Ok(())
@@ -85,7 +85,7 @@ pub(super) fn step(
 pub(super) fn sparse_step(
     views: Views<'_>,
     options: &StepOptions,
-    (u, v, energy): (&mut Grid, &mut Grid, &mut Grid),
+    (u, v, energy): (&mut PaddedPlane, &mut PaddedPlane, &mut PaddedPlane),
     judged: Option<&mut Judged>,
     execution: &Execution,
 ) -> Result<()> {
@@ -97,7 +97,12 @@ pub(super) fn sparse_step(
     let judged = match judged {
         Some(judged) => {
             judged.resize(full_width, full_height)?;
-            Some((judged.fit.rows_mut(), judged.misfit.rows_mut()))
+            let Judged {
+                fit,
+                bearable,
+                misfit,
+            } = judged;
+            Some((fit.rows_mut(), bearable.rows_mut(), misfit.rows_mut()))
         }
         None => None,
     };
@@ -133,8 +138,8 @@ pub(super) fn sparse_step(
                             (2 * y, columns.start)
                         };
                         let from = [views.u, views.v].map(|grid| &grid.padded(row)[first..]);
-                        let judged = judged.as_mut().map(|(fit, misfit)| {
-                            [fit, misfit].map(|grid| &mut grid.row_mut(local)[half..])
+                        let judged = judged.as_mut().map(|(fit, bearable, misfit)| {
+                            [fit, bearable, misfit].map(|grid| &mut grid.row_mut(local)[half..])
                         });
                         by_radius!(options.radius, SIZE => {
                             let solve = Solve::<SIZE>::new(sums, options, from, &mut to);
@@ -145,7 +150,7 @@ pub(super) fn sparse_step(
             })?;
             for local in 0..rows.len() {
                 for grid in [&mut u, &mut v, &mut energy] {
-                    grid::extend(grid.row_mut(local), width);
+                    padded_plane::extend(grid.row_mut(local), width);
                 }
             }
             Ok(())
@@ -192,8 +197,8 @@ impl<F: Floats> Limits<F> {
     fn new<S: Simd<F = F>>(s: S, options: &StepOptions) -> Self {
         Self {
             damping: s.splat(options.damping),
-            most: s.splat(options.longest),
-            least: s.splat(-options.longest),
+            most: s.splat(options.max_step),
+            least: s.splat(-options.max_step),
             zero: s.splat(0.0),
             one: s.splat(1.0),
             nothing: s.splat(f32::MAX),
@@ -220,7 +225,7 @@ struct Sparse<'a, const N: usize> {
     solve: Solve<'a, N>,
     /// If the flow before the step is of half the size: what its values are multiplied by.
     halved: Option<f32>,
-    judged: Option<[&'a mut [f32]; 2]>,
+    judged: Option<[&'a mut [f32]; 3]>,
 }
 
 impl<const N: usize> LaneKernel for Sparse<'_, N> {

@@ -5,7 +5,7 @@
 
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut};
 
-use super::grid::PAD;
+use super::padded_plane::PAD;
 
 /// Quantities of a pixel in the ring: weight, gradient along x and y, difference.
 pub(super) const KEPT: usize = 4;

@@ -7,15 +7,15 @@ use crate::execution::Execution;
 use crate::parallel::{even_bands, for_each_band};
 use crate::simd::{Floats, LANES, LaneKernel, Level, Simd, blocks, blocks_mut, dispatch_lanes};
 
-use super::grid::{self, Grid, PAD};
+use super::padded_plane::{self, PAD, PaddedPlane};
 
 /// Write `scale` times the values of `coarse`, interpolated, into `fine` of the given size: pixel (x, y) of `coarse` sits
 /// over (2x, 2y) of `fine`. The scale is 2 from level to level, and 1 within one.
 pub(super) fn upsample(
-    coarse: &Grid,
+    coarse: &PaddedPlane,
     (width, height): (usize, usize),
     scale: f32,
-    fine: &mut Grid,
+    fine: &mut PaddedPlane,
     execution: &Execution,
 ) -> Result<()> {
     fine.resize(width, height)?;
@@ -36,7 +36,7 @@ pub(super) fn upsample(
 /// Columns of row `y` of [`upsample`], from an even one on, padded.
 pub(super) fn row(
     level: Level,
-    coarse: &Grid,
+    coarse: &PaddedPlane,
     y: usize,
     columns: Range<usize>,
     scale: f32,
@@ -50,7 +50,7 @@ pub(super) fn row(
         to: &mut *to,
     };
     dispatch_lanes(level, kernel);
-    grid::extend(to, columns.len());
+    padded_plane::extend(to, columns.len());
 }
 
 /// A row between two of half the size, or on them if they are the same.

@@ -3,7 +3,7 @@
 use crate::frame::Plane;
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut};
 
-use super::grid::PAD;
+use super::padded_plane::PAD;
 
 /// `next` at (x + u, y + v) for a row of pixels, bilinear, beside `prev`, and whether that lies inside of the picture.
 ///

@@ -13,10 +13,10 @@ use crate::frame::Plane;
 use crate::parallel::even_bands;
 use crate::simd::{LANES, Level, dispatch_lanes};
 
-use super::columns::Columns;
-use super::grid::{self, Grid, PAD};
 use super::moments::{Count, Sums};
+use super::padded_plane::{self, PAD, PaddedPlane};
 use super::sum_down::{Differences, KEPT, Kept, SUMS, Split, SumDown, as_kept};
+use super::tiles::Columns;
 use super::upsample;
 use super::warp::WarpRow;
 
@@ -25,8 +25,8 @@ use super::warp::WarpRow;
 pub(super) struct Views<'a> {
     pub(super) prev: &'a Plane,
     pub(super) next: &'a Plane,
-    pub(super) u: &'a Grid,
-    pub(super) v: &'a Grid,
+    pub(super) u: &'a PaddedPlane,
+    pub(super) v: &'a PaddedPlane,
     /// If `u` and `v` are of half the size: what their values are multiplied by.
     pub(super) halved: Option<f32>,
     /// 0 at pixels of `prev` that count for nothing, 1 elsewhere.
@@ -49,7 +49,7 @@ impl<'a> Views<'a> {
         let Some(scale) = self.halved else {
             return [self.u, self.v].map(|grid| &grid.padded(y)[columns.start..]);
         };
-        let (u, v) = memory.split_at_mut(grid::stride(columns.len()));
+        let (u, v) = memory.split_at_mut(padded_plane::stride(columns.len()));
         upsample::row(level, self.u, y, columns.clone(), scale, u);
         upsample::row(level, self.v, y, columns, scale, v);
         [u, v]
@@ -118,7 +118,7 @@ impl<'a> Windows<'a> {
     pub(super) fn size(width: usize) -> usize {
         let half = Split::of(width).half;
         RING * KEPT * 2 * half
-            + (3 * NEAR + 2) * grid::stride(width)
+            + (3 * NEAR + 2) * padded_plane::stride(width)
             + 2 * SUMS * 3 * half
             + 4 * half
     }
@@ -139,7 +139,7 @@ impl<'a> Windows<'a> {
         memory: &'a mut [f32],
     ) -> Self {
         let width = columns.computed();
-        let (stride, split) = (grid::stride(width), Split::of(width));
+        let (stride, split) = (padded_plane::stride(width), Split::of(width));
         let (sum, memory) = memory.split_at_mut(NEAR * stride);
         let (difference, memory) = memory.split_at_mut(NEAR * stride);
         let (weight, memory) = memory.split_at_mut(NEAR * stride);
@@ -244,7 +244,7 @@ impl<'a> Windows<'a> {
             full: &mut *full,
         };
         dispatch_lanes(self.level, kernel);
-        grid::extend(sum, width);
+        padded_plane::extend(sum, width);
         inside[PAD + width..].fill(0.0);
         if let Some(weight) = self.views.weight {
             *full = false;

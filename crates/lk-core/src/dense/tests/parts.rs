@@ -2,31 +2,31 @@
 
 use proptest::prelude::*;
 
-use super::super::grid::{self, Grid};
+use super::super::padded_plane::{self, PaddedPlane};
 use super::super::step::StepOptions;
 use super::super::windows::Views;
-use super::super::{median, select, step, upsample};
+use super::super::{median, propagate, step, upsample};
 use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::simd::Level;
 
 /// A grid of pseudo-random values within `-most..most`.
-pub(super) fn noise(width: usize, height: usize, seed: u32, most: f32) -> Grid {
-    let mut grid = Grid::default();
+pub(super) fn noise(width: usize, height: usize, seed: u32, most: f32) -> PaddedPlane {
+    let mut grid = PaddedPlane::default();
     grid.resize(width, height).unwrap();
     let mut state = seed.wrapping_mul(747_796_405).wrapping_add(1);
     for y in 0..height {
         let row = grid.padded_mut(y);
-        for value in &mut row[grid::PAD..grid::PAD + width] {
+        for value in &mut row[padded_plane::PAD..padded_plane::PAD + width] {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             *value = ((state >> 8) as f32 / (1u32 << 23) as f32 - 1.0) * most;
         }
-        grid::extend(row, width);
+        padded_plane::extend(row, width);
     }
     grid
 }
 
-pub(super) fn at(grid: &Grid, y: isize, x: isize) -> f32 {
+pub(super) fn at(grid: &PaddedPlane, y: isize, x: isize) -> f32 {
     let clamp = |value: isize, size: usize| value.clamp(0, size as isize - 1) as usize;
     grid.row(clamp(y, grid.height()))[clamp(x, grid.width())]
 }
@@ -115,7 +115,7 @@ pub(super) fn reference_step(
     let damping = f64::from(options.damping);
     let (xx, yy) = (xx + damping, yy + damping);
     let det = xx * yy - xy * xy;
-    let limit = |step: f64| step.clamp(-f64::from(options.longest), f64::from(options.longest));
+    let limit = |step: f64| step.clamp(-f64::from(options.max_step), f64::from(options.max_step));
     (
         f64::from(views.u.row(y)[x]) + limit((xy * yd - yy * xd) / det),
         f64::from(views.v.row(y)[x]) + limit((xy * xd - xx * yd) / det),
@@ -123,7 +123,7 @@ pub(super) fn reference_step(
     )
 }
 
-pub(super) fn plane(grid: &Grid, scale: f32) -> Plane {
+pub(super) fn plane(grid: &PaddedPlane, scale: f32) -> Plane {
     let mut plane = Plane::new(grid.width(), grid.height()).unwrap();
     for y in 0..grid.height() {
         for (to, from) in plane.row_mut(y).iter_mut().zip(grid.row(y)) {
@@ -143,10 +143,10 @@ proptest! {
         let (prev, next) = (noise(width, height, seed, 1.0), noise(width, height, seed ^ 0x5555, 1.0));
         let (prev, next) = (plane(&prev, 40.0), plane(&next, 40.0));
         let (u, v) = (noise(width, height, seed ^ 1, 2.5), noise(width, height, seed ^ 2, 2.5));
-        let options = StepOptions { radius, centred, damping: 1.0, longest: 1.0 };
+        let options = StepOptions { radius, centred, damping: 1.0, max_step: 1.0 };
         for level in Level::available() {
             let execution = Execution::default().threads(2).level(level);
-            let (mut to_u, mut to_v, mut energy) = (Grid::default(), Grid::default(), Grid::default());
+            let (mut to_u, mut to_v, mut energy) = (PaddedPlane::default(), PaddedPlane::default(), PaddedPlane::default());
             let input = Views { prev: &prev, next: &next, u: &u, v: &v, halved: None, weight: None };
             step::step(input, &options, (&mut to_u, &mut to_v, &mut energy), &execution).unwrap();
             for y in 0..height {
@@ -168,7 +168,7 @@ proptest! {
         let (u, v) = (noise(width, height, seed, 10.0), noise(width, height, !seed, 10.0));
         let d = spacing as isize;
         for level in Level::available() {
-            let (mut to_u, mut to_v) = (Grid::default(), Grid::default());
+            let (mut to_u, mut to_v) = (PaddedPlane::default(), PaddedPlane::default());
             let execution = Execution::default().threads(2).level(level);
             median::median([&u, &v], spacing, [&mut to_u, &mut to_v], &execution).unwrap();
             for (from, to) in [(&u, &to_u), (&v, &to_v)] {
@@ -196,9 +196,9 @@ proptest! {
             energy.padded_mut(y).iter_mut().for_each(|value| *value += 1.0);
         }
         for level in Level::available() {
-            let (mut to_u, mut to_v) = (Grid::default(), Grid::default());
+            let (mut to_u, mut to_v) = (PaddedPlane::default(), PaddedPlane::default());
             let execution = Execution::default().threads(2).level(level);
-            select::select((&u, &v), &energy, distance, 0.9, (&mut to_u, &mut to_v), &execution).unwrap();
+            propagate::propagate((&u, &v), &energy, distance, 0.9, (&mut to_u, &mut to_v), &execution).unwrap();
             for y in 0..height as isize {
                 for x in 0..width as isize {
                     let mut best = (at(&energy, y, x) * 0.9, at(&u, y, x), at(&v, y, x));
@@ -218,7 +218,7 @@ proptest! {
     #[test]
     fn a_flow_is_doubled_and_interpolated(width in 1usize..40, height in 1usize..12, seed in any::<u32>()) {
         let coarse = noise(width.div_ceil(2), height.div_ceil(2), seed, 3.0);
-        let mut fine = Grid::default();
+        let mut fine = PaddedPlane::default();
         upsample::upsample(&coarse, (width, height), 2.0, &mut fine, &Execution::default()).unwrap();
         for y in 0..height as isize {
             for x in 0..width as isize {

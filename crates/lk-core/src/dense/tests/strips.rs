@@ -1,28 +1,33 @@
 //! Wide pictures are measured in strips: a strip's sides must not show.
 
-use super::super::grid::{self, Grid, PAD};
-use super::super::judge::Judged;
+use super::super::confidence::Judged;
 use super::super::options::RefineRecipe;
+use super::super::padded_plane::{self, PAD, PaddedPlane};
+use super::super::refine::RoundOptions;
 use super::super::step::StepOptions;
 use super::super::windows::Views;
-use super::super::{refine, step};
+use super::super::{half_round, refine, step};
 use super::parts::{noise, plane};
 use crate::execution::Execution;
 
 /// The first `width` columns.
-fn left(grid: &Grid, width: usize) -> Grid {
-    let mut part = Grid::default();
+fn left(grid: &PaddedPlane, width: usize) -> PaddedPlane {
+    let mut part = PaddedPlane::default();
     part.resize(width, grid.height()).unwrap();
     for y in 0..grid.height() {
         let row = part.padded_mut(y);
         row[PAD..PAD + width].copy_from_slice(&grid.row(y)[..width]);
-        grid::extend(row, width);
+        padded_plane::extend(row, width);
     }
     part
 }
 
 /// Steps, whole and sparse, and a round, with what they say of their windows.
-fn measured(frames: [&Grid; 2], flow: [&Grid; 2], half_flow: [&Grid; 2]) -> Vec<(Grid, usize)> {
+fn measured(
+    frames: [&PaddedPlane; 2],
+    flow: [&PaddedPlane; 2],
+    half_flow: [&PaddedPlane; 2],
+) -> Vec<(PaddedPlane, usize)> {
     let [prev, next] = frames.map(|frame| plane(frame, 40.0));
     let whole = Views {
         prev: &prev,
@@ -42,27 +47,37 @@ fn measured(frames: [&Grid; 2], flow: [&Grid; 2], half_flow: [&Grid; 2]) -> Vec<
         radius: 3,
         centred: true,
         damping: 1.0,
-        longest: 1.0,
+        max_step: 1.0,
     };
     let execution = Execution::default().threads(2);
     let mut results = Vec::new();
-    let [mut u, mut v, mut energy] = <[Grid; 3]>::default();
+    let [mut u, mut v, mut energy] = <[PaddedPlane; 3]>::default();
     let to = (&mut u, &mut v, &mut energy);
     step::step(whole, &options, to, &execution).unwrap();
     results.extend([(u, 1), (v, 1), (energy, 1)]);
     for views in [whole, halved] {
-        let [mut u, mut v, mut energy] = <[Grid; 3]>::default();
+        let [mut u, mut v, mut energy] = <[PaddedPlane; 3]>::default();
         let mut judged = Judged::default();
         let to = (&mut u, &mut v, &mut energy);
         step::sparse_step(views, &options, to, Some(&mut judged), &execution).unwrap();
         results.extend([u, v, energy, judged.fit, judged.misfit].map(|grid| (grid, 2)));
     }
-    let [mut u, mut v] = <[Grid; 2]>::default();
+    let [mut u, mut v] = <[PaddedPlane; 2]>::default();
     let mut judged = Judged::default();
-    let recipe = RefineRecipe::default();
+    let options = RoundOptions {
+        recipe: RefineRecipe::default(),
+        sweeps: 3,
+        centred: true,
+        slopes: [[0.02, 0.01], [-0.03, 0.0]],
+    };
     let to = (&mut u, &mut v);
-    refine::round(whole, &recipe, true, to, Some(&mut judged), &execution).unwrap();
+    refine::round(whole, &options, to, Some(&mut judged), &execution).unwrap();
     results.extend([(u, 1), (v, 1), (judged.fit, 2), (judged.misfit, 2)]);
+    let [mut u, mut v] = <[PaddedPlane; 2]>::default();
+    let mut judged = Judged::default();
+    let to = (&mut u, &mut v);
+    half_round::half_round(halved, &options, to, Some(&mut judged), &execution).unwrap();
+    results.extend([u, v, judged.fit, judged.misfit].map(|grid| (grid, 2)));
     results
 }
 

@@ -41,6 +41,16 @@ impl Columns {
         })
     }
 
+    /// The columns of a picture of `width` that lie under these, which are of half its size.
+    pub(super) fn doubled(&self, width: usize) -> Self {
+        Self {
+            start: 2 * self.start,
+            end: (2 * self.end).min(width),
+            from: 2 * self.from,
+            to: (2 * self.to).min(width),
+        }
+    }
+
     /// Columns that are computed.
     pub(super) fn computed(&self) -> usize {
         self.to - self.from

@@ -7,16 +7,16 @@ use crate::execution::Execution;
 use crate::parallel::{even_bands, for_each_band};
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
-use super::grid::{self, Grid, PAD};
+use super::padded_plane::{self, PAD, PaddedPlane};
 
 /// Write to `to` the flow of `from` at the best of the pixel itself and its eight neighbours `distance` pixels away,
 /// which must have less than the share `better` of the pixel's own energy.
-pub(super) fn select(
-    from: (&Grid, &Grid),
-    energy: &Grid,
+pub(super) fn propagate(
+    from: (&PaddedPlane, &PaddedPlane),
+    energy: &PaddedPlane,
     distance: usize,
     better: f32,
-    to: (&mut Grid, &mut Grid),
+    to: (&mut PaddedPlane, &mut PaddedPlane),
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (energy.width(), energy.height());
@@ -36,8 +36,8 @@ pub(super) fn select(
                     (y + distance).min(height - 1),
                 ];
                 let (to_u, to_v) = (to_u.row_mut(local), to_v.row_mut(local));
-                let kernel = SelectRow {
-                    count: grid::groups(width),
+                let kernel = PropagateRow {
+                    count: padded_plane::groups(width),
                     u: near.map(|y| from.0.padded(y)),
                     v: near.map(|y| from.1.padded(y)),
                     energy: near.map(|y| energy.padded(y)),
@@ -46,14 +46,14 @@ pub(super) fn select(
                     to: [&mut *to_u, &mut *to_v],
                 };
                 dispatch_lanes(level, kernel);
-                grid::extend(to_u, width);
-                grid::extend(to_v, width);
+                padded_plane::extend(to_u, width);
+                padded_plane::extend(to_v, width);
             }
         },
     )
 }
 
-struct SelectRow<'a> {
+struct PropagateRow<'a> {
     count: usize,
     u: [&'a [f32]; 3],
     v: [&'a [f32]; 3],
@@ -66,7 +66,7 @@ struct SelectRow<'a> {
 /// The pixel's group of lanes, then those of its neighbours, in the order in which ties are settled.
 type Around<'a> = [&'a [[f32; LANES]]; 9];
 
-impl SelectRow<'_> {
+impl PropagateRow<'_> {
     #[inline(always)]
     fn around<'b>(&self, [above, here, below]: [&'b [f32]; 3]) -> Around<'b> {
         let (count, distance) = (self.count, self.distance);
@@ -84,7 +84,7 @@ impl SelectRow<'_> {
     }
 }
 
-impl LaneKernel for SelectRow<'_> {
+impl LaneKernel for PropagateRow<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let count = self.count;

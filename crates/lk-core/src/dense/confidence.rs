@@ -6,17 +6,17 @@
 use crate::error::Result;
 use crate::simd::{Floats, LANES, Simd, blocks_mut};
 
-use super::grid::{Grid, PAD};
 use super::moments::Moments;
+use super::padded_plane::{PAD, PaddedPlane, extend};
 
 /// The smaller eigenvalue of the structure tensor (mean over a window of `size` x `size` pixels, squared grey levels)
-/// below which motion along one direction is noise. Noise of one grey level alone gives 1/8: four differences of weight
-/// 1/4, in one direction, twice the variance. On the same texture smaller windows have less.
+/// below which motion along one direction is noise even where the frames are quiet. On the same texture smaller windows
+/// have less.
 pub(super) fn least_texture(size: usize) -> f32 {
     match size {
-        7 => 0.25,
-        5 => 0.15,
-        _ => 0.1,
+        7 => 0.075,
+        5 => 0.045,
+        _ => 0.03,
     }
 }
 
@@ -30,20 +30,51 @@ const NOISE: f32 = 16.0;
 /// gives 16 times.
 const DROWNED: f32 = 6.0;
 
+/// Mean squared differences that a blur leaves, as a share of the trace of the structure tensor, above those of strong
+/// noise, in squared grey levels: what is uncovered, or has no match, leaves more.
+const BLUR: f32 = 2.0;
+const STRONG_NOISE: f32 = 32.0;
+
 /// What was found, at pixel (2x, 2y) of the level.
 #[derive(Debug, Default)]
 pub(super) struct Judged {
     /// At least 0 where all is well.
-    pub(super) fit: Grid,
+    pub(super) fit: PaddedPlane,
+    /// At least 0 where the window does not speak against the flow: it may be drowned or blurred.
+    pub(super) bearable: PaddedPlane,
     /// The root mean square difference, in grey levels of the planes.
-    pub(super) misfit: Grid,
+    pub(super) misfit: PaddedPlane,
 }
 
 impl Judged {
     /// Take the size that belongs to a level of `width` x `height`.
     pub(super) fn resize(&mut self, width: usize, height: usize) -> Result<()> {
-        for grid in [&mut self.fit, &mut self.misfit] {
+        for grid in [&mut self.fit, &mut self.bearable, &mut self.misfit] {
             grid.resize(width.div_ceil(2), height.div_ceil(2))?;
+        }
+        Ok(())
+    }
+}
+
+impl Judged {
+    /// Bring what was found on the level of half the size to frames of `width` x `height`; `spare` is memory.
+    pub(super) fn spread(
+        &mut self,
+        (width, height): (usize, usize),
+        spare: &mut PaddedPlane,
+    ) -> Result<()> {
+        let (width, height) = (width.div_ceil(2), height.div_ceil(2));
+        for grid in [&mut self.fit, &mut self.bearable, &mut self.misfit] {
+            spare.resize(width, height)?;
+            for y in 0..height {
+                let from = grid.row((y / 2).min(grid.height() - 1));
+                let row = spare.padded_mut(y);
+                for x in 0..width {
+                    row[PAD + x] = from[(x / 2).min(from.len() - 1)];
+                }
+                extend(row, width);
+            }
+            std::mem::swap(grid, spare);
         }
         Ok(())
     }
@@ -52,12 +83,15 @@ impl Judged {
 /// Judges groups of windows, one after the other along a row.
 pub(super) struct Judge<'a, F> {
     fit: &'a mut [[f32; LANES]],
+    bearable: &'a mut [[f32; LANES]],
     misfit: &'a mut [[f32; LANES]],
     enough: F,
     texture: F,
     misfit_share: F,
     noise: F,
     drowned: F,
+    blur: F,
+    strong_noise: F,
     zero: F,
     half: F,
 }
@@ -69,16 +103,19 @@ impl<'a, F: Floats> Judge<'a, F> {
         s: S,
         size: usize,
         count: usize,
-        [fit, misfit]: [&'a mut [f32]; 2],
+        [fit, bearable, misfit]: [&'a mut [f32]; 3],
     ) -> Self {
         Self {
             fit: blocks_mut(fit, PAD, count),
+            bearable: blocks_mut(bearable, PAD, count),
             misfit: blocks_mut(misfit, PAD, count),
             enough: s.splat(0.5 * (size * size) as f32),
             texture: s.splat(least_texture(size)),
             misfit_share: s.splat(MISFIT),
             noise: s.splat(NOISE),
             drowned: s.splat(DROWNED),
+            blur: s.splat(BLUR),
+            strong_noise: s.splat(STRONG_NOISE),
             zero: s.splat(0.0),
             half: s.splat(0.5),
         }
@@ -101,8 +138,13 @@ impl<'a, F: Floats> Judge<'a, F> {
         let energy = (dd + change).max(self.zero);
         // Each term is negative where something is amiss.
         let fits = (self.noise + self.misfit_share * texture).min(self.drowned * texture) - energy;
-        let good = (n - self.enough).min(texture - self.texture).min(fits);
-        good.put(&mut self.fit[i]);
+        let all_there = n - self.enough;
+        all_there
+            .min(texture - self.texture)
+            .min(fits)
+            .put(&mut self.fit[i]);
+        let most = self.strong_noise + self.blur * (xx + yy);
+        all_there.min(most - energy).put(&mut self.bearable[i]);
         energy.sqrt().put(&mut self.misfit[i]);
     }
 }

@@ -8,12 +8,12 @@ use crate::error::Result;
 use crate::frame::Plane;
 use crate::seeds::Seeds;
 
-use super::descend::{Descent, Memory};
-use super::grid;
+use super::coarse_to_fine::{CoarseToFine, Memory};
+use super::padded_plane;
 
 /// Motion is looked for where the misfit of windows is above this share of their contrast: unrelated windows have 1.4
-/// times their contrast, and windows that match next to nothing.
-const LOST: f64 = 0.45;
+/// times their contrast, windows that match next to nothing, and under light that is not modelled yet up to half.
+const LOST: f64 = 0.6;
 
 /// What is found is kept if it leaves less than this share of the misfit.
 const FOUND: f64 = 0.9;
@@ -24,10 +24,13 @@ const APART: f64 = 2.0;
 /// Most displacements that are tried.
 const MOST: usize = 12;
 
+/// Half the windows over which misfit is compared: what one pixel of the level says of a displacement is chance.
+const SUPPORT: usize = 3;
+
 /// Half the windows whose contrast is measured, and the distance from one to the next.
 const RADIUS: usize = 3;
 
-impl Descent<'_> {
+impl CoarseToFine<'_> {
     /// Improve the flow of level `level`, which has just been measured, if it is lost for the contrast of `prev` there.
     /// Returns whether that has led to anything; the flow is then in `memory.found` too.
     pub(super) fn search(&mut self, level: usize, contrast: f64) -> Result<bool> {
@@ -42,6 +45,7 @@ impl Descent<'_> {
         for (found, best) in found.iter_mut().zip(best) {
             found.copy_from(best)?;
         }
+        self.memory.widen_energy()?;
         self.memory.found_energy.copy_from(&self.memory.energy)?;
         let most = self.options.max_displacement.map_or(f64::MAX, f64::from);
         for seed in seeds.distinct(APART * scale).into_iter().take(MOST) {
@@ -55,6 +59,7 @@ impl Descent<'_> {
             }
             self.level(level, false)?;
             self.whole(level)?;
+            self.memory.widen_energy()?;
             self.memory.keep_what_fits();
         }
         std::mem::swap(&mut self.memory.flow, &mut self.memory.found);
@@ -76,6 +81,45 @@ impl Descent<'_> {
 }
 
 impl Memory {
+    /// Replace each energy by the mean over the windows around it; those that are unknown stay so and do not count.
+    fn widen_energy(&mut self) -> Result<()> {
+        let Self {
+            energy,
+            spare: [sums, counts],
+            ..
+        } = self;
+        let (width, height) = (energy.width(), energy.height());
+        sums.resize(width, height)?;
+        counts.resize(width, height)?;
+        for y in 0..height {
+            let row = energy.row(y);
+            let (sums, counts) = (sums.padded_mut(y), counts.padded_mut(y));
+            for x in 0..width {
+                let window = &row[x.saturating_sub(SUPPORT)..(x + SUPPORT + 1).min(width)];
+                let known = window.iter().filter(|energy| **energy < f32::MAX);
+                let (sum, count) = known.fold((0.0, 0.0), |(sum, count), energy| {
+                    (sum + energy, count + 1.0)
+                });
+                (sums[padded_plane::PAD + x], counts[padded_plane::PAD + x]) = (sum, count);
+            }
+        }
+        for y in 0..height {
+            let rows = y.saturating_sub(SUPPORT)..(y + SUPPORT + 1).min(height);
+            let row = energy.padded_mut(y);
+            for x in 0..width {
+                let over = |grid: &padded_plane::PaddedPlane| {
+                    rows.clone().map(|y| grid.row(y)[x]).sum::<f32>()
+                };
+                let energy = &mut row[padded_plane::PAD + x];
+                if *energy < f32::MAX {
+                    *energy = over(sums) / over(counts);
+                }
+            }
+            padded_plane::extend(row, width);
+        }
+        Ok(())
+    }
+
     /// Take over into `found` the flow at pixels where it fits better than what is there.
     fn keep_what_fits(&mut self) {
         let (width, height) = (self.energy.width(), self.energy.height());
@@ -85,14 +129,14 @@ impl Memory {
             for axis in 0..2 {
                 let flow = self.flow[axis].padded(y);
                 let found = self.found[axis].padded_mut(y);
-                for x in grid::PAD..grid::PAD + width {
+                for x in padded_plane::PAD..padded_plane::PAD + width {
                     if energy[x] < kept[x] {
                         found[x] = flow[x];
                     }
                 }
-                grid::extend(found, width);
+                padded_plane::extend(found, width);
             }
-            for x in grid::PAD..grid::PAD + width {
+            for x in padded_plane::PAD..padded_plane::PAD + width {
                 kept[x] = kept[x].min(energy[x]);
             }
         }

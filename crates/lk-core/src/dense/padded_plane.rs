@@ -20,14 +20,14 @@ pub(super) fn groups(width: usize) -> usize {
 
 /// Rows of `f32` with room on both sides; what stands there is up to whoever wrote the row.
 #[derive(Debug, Default)]
-pub(super) struct Grid {
+pub(super) struct PaddedPlane {
     width: usize,
     height: usize,
     stride: usize,
     data: Vec<f32>,
 }
 
-impl Grid {
+impl PaddedPlane {
     /// Take a new size and keep the memory; the content is unspecified afterwards.
     pub(super) fn resize(&mut self, width: usize, height: usize) -> Result<()> {
         let stride = stride(width);

@@ -7,34 +7,44 @@ use crate::illumination::Illumination;
 use crate::parallel::both;
 use crate::pyramid::Pyramid;
 
-use super::grid::{self, Grid};
-use super::judge::Judged;
+use super::confidence::Judged;
 use super::light::Light;
 use super::looks::Looks;
-use super::options::{DenseHints, DenseOptions, LevelRecipe};
+use super::options::{DenseHints, DenseOptions, LevelRecipe, RefineRecipe};
+use super::padded_plane::{self, PaddedPlane};
+use super::refine::RoundOptions;
 use super::step::StepOptions;
+use super::trend::{Sample, Trend};
 use super::windows::Views;
-use super::{median, refine, select, step, upsample};
+use super::{half_round, median, propagate, refine, step, upsample};
 
 /// Light is estimated on levels of at most this many pixels along the longer side, and carried over to finer ones.
 const LIGHT_SIZE: usize = 100;
+
+/// From this share of the flow that follows its trend on, and up to the other, smoothness gains weight.
+const AFFINE: [f32; 2] = [0.85, 0.95];
 /// Planes that are kept from call to call.
 #[derive(Debug, Default)]
 pub(super) struct Memory {
-    pub(super) flow: [Grid; 2],
+    pub(super) flow: [PaddedPlane; 2],
     /// If the flow is of half the size of the level: what its values are multiplied by.
     pub(super) halved: Option<f32>,
-    spare: [Grid; 2],
+    pub(super) spare: [PaddedPlane; 2],
     /// The best flow of the coarse levels so far, and its light.
-    pub(super) best: [Grid; 2],
+    pub(super) best: [PaddedPlane; 2],
     pub(super) best_light: Light,
     /// The coarse levels of `prev` as they came.
     pub(super) coarse: Vec<Plane>,
-    pub(super) energy: Grid,
+    pub(super) energy: PaddedPlane,
     pub(super) judged: Judged,
+    /// What a coarse level says of the flow.
+    pub(super) support: Judged,
+    /// What most of the flow does.
+    pub(super) trend: Trend,
+    samples: Vec<Sample>,
     /// The flow of the displacements that fit best, and how well they do.
-    pub(super) found: [Grid; 2],
-    pub(super) found_energy: Grid,
+    pub(super) found: [PaddedPlane; 2],
+    pub(super) found_energy: PaddedPlane,
     pub(super) light: Light,
     looks: Looks,
     pub(super) weights: Vec<Plane>,
@@ -86,13 +96,13 @@ impl Memory {
                 let row = grid.padded_mut(y);
                 for x in 0..plane.width() {
                     let value = initial[(y * scale, x * scale, axis)];
-                    row[grid::PAD + x] = if value.abs() <= reach {
+                    row[padded_plane::PAD + x] = if value.abs() <= reach {
                         value / scale as f32
                     } else {
                         0.0
                     };
                 }
-                grid::extend(row, plane.width());
+                padded_plane::extend(row, plane.width());
             }
         }
         Ok(())
@@ -104,7 +114,7 @@ fn views<'a>(
     prev: &'a Pyramid,
     next: &'a Pyramid,
     level: usize,
-    [u, v]: [&'a Grid; 2],
+    [u, v]: [&'a PaddedPlane; 2],
     halved: Option<f32>,
     weights: Option<&'a [Plane]>,
 ) -> Views<'a> {
@@ -128,7 +138,7 @@ fn first_level(pyramid: &Pyramid, hints: DenseHints<'_>) -> usize {
 }
 
 /// One measurement under way.
-pub(super) struct Descent<'a> {
+pub(super) struct CoarseToFine<'a> {
     pub(super) options: &'a DenseOptions,
     pub(super) execution: &'a Execution,
     /// Its light is changed on the way.
@@ -138,14 +148,20 @@ pub(super) struct Descent<'a> {
     pub(super) ranges: [Option<[f32; 2]>; 2],
     /// Whether some pixels count for nothing.
     pub(super) weighted: bool,
+    /// The finest of the levels that the measurement starts with.
+    pub(super) first: usize,
     /// Whether `memory.found` has the flow of the search.
     pub(super) found: bool,
+    /// Whether what is measured is a guess yet: of the light, or of large motion.
+    pub(super) guessing: bool,
+    /// Whether the coarse levels begin with `first` alone, at rest: under light that is not modelled yet coarser ones drift.
+    pub(super) short: bool,
     /// Whether `memory.judged` speaks of the flow as it stands.
     pub(super) judged: bool,
     pub(super) memory: &'a mut Memory,
 }
 
-impl Descent<'_> {
+impl CoarseToFine<'_> {
     /// Measure all levels, and judge the flow of the finest one. Returns the level of the light's estimate, if light is
     /// found to have changed.
     pub(super) fn run(&mut self, hints: DenseHints<'_>) -> Result<Option<usize>> {
@@ -158,6 +174,7 @@ impl Descent<'_> {
             .position(small)
             .unwrap_or(coarsest)
             .min(coarsest);
+        self.first = first;
         let mut looks = std::mem::take(&mut self.memory.looks);
         looks.take(
             &self.prev.levels()[first],
@@ -182,16 +199,28 @@ impl Descent<'_> {
         } else {
             None
         };
-        for level in (0..first).rev() {
+        let finest = self.options.recipe.finest.min(first);
+        for level in (finest..first).rev() {
             self.memory.halved = Some(2.0);
             self.level(level, true)?;
             if level > 0 {
                 self.whole(level)?;
             }
         }
+        if finest > 0 {
+            // What is of the size of the finest level measured is of half the size of the frames.
+            self.memory.halved = Some(2.0);
+            if self.judged {
+                let frame = &self.prev.levels()[0];
+                let size = (frame.width(), frame.height());
+                let Memory { judged, spare, .. } = &mut *self.memory;
+                judged.spread(size, &mut spare[0])?;
+            }
+        }
         if !self.judged {
             self.judge()?;
         }
+        self.find_support()?;
         Ok(lit)
     }
 
@@ -199,7 +228,7 @@ impl Descent<'_> {
     fn judge(&mut self) -> Result<()> {
         // No longer than nothing: what is judged is the flow as it stands.
         let options = StepOptions {
-            longest: 0.0,
+            max_step: 0.0,
             ..self.step_options(0)
         };
         let Memory {
@@ -224,18 +253,51 @@ impl Descent<'_> {
     }
 
     fn level_recipe(&self, level: usize) -> LevelRecipe {
-        let levels = &self.options.recipe.levels;
-        levels[level.min(levels.len() - 1)]
+        let recipe = &self.options.recipe;
+        match recipe.fine.get(level) {
+            Some(fine) if level < self.first => *fine,
+            _ => recipe.coarse,
+        }
     }
 
-    fn step_options(&self, level: usize) -> StepOptions {
+    pub(super) fn step_options(&self, level: usize) -> StepOptions {
         let recipe = &self.options.recipe;
         StepOptions {
             radius: self.level_recipe(level).radius,
             centred: self.options.illumination != Illumination::None,
             damping: recipe.damping,
-            longest: recipe.longest,
+            max_step: recipe.max_step,
         }
+    }
+
+    /// What a round on `level` needs to know; finds the trend of the flow as it stands.
+    fn round_options(&mut self, level: usize) -> Result<RoundOptions> {
+        let recipe = &self.options.recipe;
+        let Memory {
+            flow,
+            halved,
+            trend,
+            samples,
+            ..
+        } = &mut *self.memory;
+        *trend = Trend::of(flow.each_ref(), *halved, samples)?;
+        let trend = *trend;
+        let [low, high] = AFFINE;
+        let affine = if level < self.first.min(2) {
+            ((trend.affine - low) / (high - low)).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        let gain = 1.0 + affine * (recipe.affine_gain - 1.0);
+        Ok(RoundOptions {
+            recipe: RefineRecipe {
+                alpha: gain * recipe.refine.alpha,
+                ..recipe.refine
+            },
+            sweeps: self.level_recipe(level).sweeps,
+            centred: self.options.illumination != Illumination::None,
+            slopes: trend.slopes,
+        })
     }
 
     /// Measure the levels from the coarsest one to `first`, or `first` alone where the search has found its flow. With
@@ -246,6 +308,7 @@ impl Descent<'_> {
         hints: DenseHints<'_>,
         radii: Option<(usize, usize)>,
     ) -> Result<()> {
+        self.guessing = radii.is_some();
         let start = if self.found {
             let Memory { flow, found, .. } = &mut *self.memory;
             for (flow, found) in flow.iter_mut().zip(found) {
@@ -253,7 +316,11 @@ impl Descent<'_> {
             }
             first
         } else {
-            let level = first_level(self.prev, hints);
+            let level = if self.short {
+                first
+            } else {
+                first_level(self.prev, hints)
+            };
             self.memory.start(self.prev, level, hints)?;
             level
         };
@@ -268,6 +335,7 @@ impl Descent<'_> {
             self.level(level, false)?;
             self.whole(level)?;
         }
+        self.guessing = false;
         Ok(())
     }
 
@@ -289,81 +357,105 @@ impl Descent<'_> {
     /// Improve the flow of one level. With `once` nothing on this level comes afterwards: flow and energies may be of half
     /// the size then, and on the finest level the last step or round judges the flow if it can.
     pub(super) fn level(&mut self, level: usize, once: bool) -> Result<()> {
-        let (execution, recipe) = (self.execution, &self.options.recipe);
+        let execution = self.execution;
         let (of_level, options) = (self.level_recipe(level), self.step_options(level));
-        for cycle in 0..of_level.cycles {
-            let ends = once && cycle + 1 == of_level.cycles;
-            for taken in 0..of_level.steps {
-                execution.check()?;
-                let last = taken + 1 == of_level.steps;
-                let sparse = taken < of_level.sparse && (ends || !last);
-                let judges = ends && level == 0 && sparse && last && of_level.rounds == 0;
-                if !sparse {
-                    self.whole(level)?;
-                }
-                let Memory {
-                    flow: [u, v],
-                    halved,
-                    spare: [to_u, to_v],
-                    energy,
-                    judged,
-                    weights,
-                    ..
-                } = &mut *self.memory;
-                let weights = self.weighted.then_some(&**weights);
-                let views = views(self.prev, self.next, level, [u, v], *halved, weights);
-                let to = (&mut *to_u, &mut *to_v, &mut *energy);
-                // Distances in pixels of the grid that the step is taken on.
-                let (distance, spacing) = if sparse {
-                    step::sparse_step(views, &options, to, judges.then_some(judged), execution)?;
-                    self.judged |= judges;
-                    *halved = Some(1.0);
-                    (of_level.distance.div_ceil(2), of_level.median.div_ceil(2))
-                } else {
-                    step::step(views, &options, to, execution)?;
-                    (of_level.distance, of_level.median)
-                };
-                if distance > 0 {
-                    let (from, to) = ((&*to_u, &*to_v), (&mut *u, &mut *v));
-                    select::select(from, energy, distance, recipe.better, to, execution)?;
-                } else {
-                    std::mem::swap(u, to_u);
-                    std::mem::swap(v, to_v);
-                }
-                if spacing > 0 {
-                    let to = [&mut *to_u, &mut *to_v];
-                    median::median([&*u, &*v], spacing, to, execution)?;
-                    std::mem::swap(u, to_u);
-                    std::mem::swap(v, to_v);
-                }
-            }
-            for round in 0..of_level.rounds {
-                execution.check()?;
-                let judges = ends && level == 0 && round + 1 == of_level.rounds;
+        let match_ratio = self.options.recipe.match_ratio;
+        let judges_at = |last: bool| once && level == self.options.recipe.finest && last;
+        for taken in 0..of_level.steps {
+            execution.check()?;
+            let last = taken + 1 == of_level.steps;
+            let sparse = taken < of_level.sparse && (once || !last);
+            let judges = sparse && judges_at(last && of_level.half_rounds + of_level.rounds == 0);
+            if !sparse {
                 self.whole(level)?;
-                let Memory {
-                    flow,
-                    spare,
-                    judged,
-                    weights,
-                    ..
-                } = &mut *self.memory;
-                let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
-                let weights = self.weighted.then_some(&**weights);
-                let views = views(self.prev, self.next, level, [u, v], None, weights);
-                let to = (&mut *to_u, &mut *to_v);
-                let judged = judges.then_some(judged);
-                refine::round(
-                    views,
-                    &recipe.refine,
-                    options.centred,
-                    to,
-                    judged,
-                    execution,
-                )?;
-                self.judged |= judges;
-                std::mem::swap(flow, spare);
             }
+            let Memory {
+                flow: [u, v],
+                halved,
+                spare: [to_u, to_v],
+                energy,
+                judged,
+                weights,
+                ..
+            } = &mut *self.memory;
+            let weights = self.weighted.then_some(&**weights);
+            let views = views(self.prev, self.next, level, [u, v], *halved, weights);
+            let to = (&mut *to_u, &mut *to_v, &mut *energy);
+            // Distances in pixels of the grid that the step is taken on.
+            let (distance, spacing) = if sparse {
+                step::sparse_step(views, &options, to, judges.then_some(judged), execution)?;
+                self.judged |= judges;
+                *halved = Some(1.0);
+                (of_level.distance.div_ceil(2), of_level.median.div_ceil(2))
+            } else {
+                step::step(views, &options, to, execution)?;
+                (of_level.distance, of_level.median)
+            };
+            if distance > 0 {
+                let (from, to) = ((&*to_u, &*to_v), (&mut *u, &mut *v));
+                propagate::propagate(from, energy, distance, match_ratio, to, execution)?;
+            } else {
+                std::mem::swap(u, to_u);
+                std::mem::swap(v, to_v);
+            }
+            if spacing > 0 {
+                let to = [&mut *to_u, &mut *to_v];
+                median::median([&*u, &*v], spacing, to, execution)?;
+                std::mem::swap(u, to_u);
+                std::mem::swap(v, to_v);
+            }
+        }
+        self.refine(level, once)
+    }
+
+    /// The rounds of one level.
+    fn refine(&mut self, level: usize, once: bool) -> Result<()> {
+        let execution = self.execution;
+        let of_level = self.level_recipe(level);
+        // A flow that is of full size stays so.
+        let half_rounds = if once && self.memory.halved.is_some() {
+            of_level.half_rounds
+        } else {
+            0
+        };
+        let rounds = if self.guessing {
+            of_level.rounds.min(1)
+        } else {
+            of_level.rounds
+        };
+        if half_rounds + rounds == 0 {
+            return Ok(());
+        }
+        let options = self.round_options(level)?;
+        for round in 0..half_rounds + rounds {
+            execution.check()?;
+            let half = round < half_rounds;
+            let finest = self.options.recipe.finest;
+            let judges = once && level == finest && round + 1 == half_rounds + rounds;
+            if !half {
+                self.whole(level)?;
+            }
+            let Memory {
+                flow,
+                halved,
+                spare,
+                judged,
+                weights,
+                ..
+            } = &mut *self.memory;
+            let ([u, v], [to_u, to_v]) = (&mut *flow, &mut *spare);
+            let weights = self.weighted.then_some(&**weights);
+            let views = views(self.prev, self.next, level, [u, v], *halved, weights);
+            let to = (&mut *to_u, &mut *to_v);
+            let judged = judges.then_some(judged);
+            if half {
+                half_round::half_round(views, &options, to, judged, execution)?;
+                *halved = Some(1.0);
+            } else {
+                refine::round(views, &options, to, judged, execution)?;
+            }
+            self.judged |= judges;
+            std::mem::swap(flow, spare);
         }
         Ok(())
     }

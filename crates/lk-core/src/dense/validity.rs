@@ -9,32 +9,37 @@ use crate::simd::{
     Floats, Kernel, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch, dispatch_lanes,
 };
 
+use super::confidence::Judged;
 use super::field::FlowField;
-use super::grid::{self, PAD};
-use super::judge::Judged;
+use super::padded_plane::{self, PAD, PaddedPlane};
+use super::support::APART;
+use super::trend::Slopes;
 use super::windows::Views;
 
 /// Half the windows within which all pixels must be finite and move alike.
 const RADIUS: usize = 3;
 
-/// Where the flow differs by this much within the window, in pixels, it holds the edge of something that moves: part of
-/// it may be uncovered, and none of it is told from the other side for sure.
+/// Where the flow differs by this much from its trend within the window, in pixels, it holds the edge of something that
+/// moves: part of it may be uncovered, and none of it is told from the other side for sure.
 const EDGE: f32 = 1.0;
 
-/// Fill `field` with the flow of `views` and with what its windows said. `given` is 0 at pixels of `prev` that were not
-/// to be measured, `finite` where `next` is not finite; `unit` is what one grey level of the planes is in those of the
-/// caller.
-pub(super) fn assess(
+/// Fill `field` with the flow of `views` and with what its windows and those of a coarse level, `support`, said. `given` is 0 at pixels of `prev` that were not
+/// to be measured, `finite` where `next` is not finite; `slopes` are those of most of the flow; `unit` is what one grey level
+/// of the planes is in those of the caller.
+pub(super) fn mark(
     views: Views<'_>,
-    judged: &Judged,
+    (judged, support): (&Judged, &PaddedPlane),
     (given, finite): (Option<&Plane>, Option<&Plane>),
-    unit: f32,
+    (slopes, unit): (Slopes, f32),
     field: &mut FlowField,
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (views.prev.width(), views.prev.height());
     let level = execution.simd_level();
-    let stride = grid::stride(width);
+    let stride = padded_plane::stride(width);
+    // From an element of the grids to the next, before their values are multiplied.
+    let step = views.halved.map_or(1.0, |scale| 2.0 / scale);
+    let slopes = slopes.map(|axis| axis.map(|slope| slope * step));
     let outputs = (
         RowsMut::new(&mut field.uv, 2 * width),
         RowsMut::new(&mut field.valid, width),
@@ -46,29 +51,40 @@ pub(super) fn assess(
         even_bands(execution, height, [16_384 / width, 4_096 / width]),
         outputs,
         |rows, (mut uv, mut valid, mut residual)| {
-            with_scratch(5 * stride, |memory| {
+            with_scratch(6 * stride, |memory| {
                 let (row_of_flow, rest) = memory.split_at_mut(2 * stride);
                 let (fit, rest) = rest.split_at_mut(stride);
-                let (misfit, row_of_flags) = rest.split_at_mut(stride);
+                let (misfit, rest) = rest.split_at_mut(stride);
+                let (row_of_flags, supported) = rest.split_at_mut(stride);
+                supported.fill(-1.0);
                 for (local, y) in rows.enumerate() {
                     if local == 0 || y % 2 == 0 {
                         let upper = y / 2;
                         // On grids of half the size, of two rows and columns of theirs: 4 pixels.
-                        let (place, reach) = match views.halved {
-                            Some(_) => (upper, RADIUS.div_ceil(2)),
-                            None => (2 * upper, RADIUS),
+                        let reach = reach(views.halved);
+                        let place = match views.halved {
+                            Some(_) => upper,
+                            None => 2 * upper,
                         };
                         let near = [
                             place.saturating_sub(reach),
                             place,
                             (place + reach).min(views.u.height() - 1),
                         ];
+                        if support.height() > 0
+                            && (local == 0 || (upper + APART / 2).is_multiple_of(APART))
+                        {
+                            spread_support(support, upper, &mut supported[PAD..]);
+                        }
                         let kernel = Spread {
                             width,
                             flow: [views.u, views.v].map(|grid| near.map(|y| grid.padded(y))),
                             halved: views.halved,
+                            slopes,
                             unit,
-                            judged: [judged.fit.padded(upper), judged.misfit.padded(upper)],
+                            judged: [&judged.fit, &judged.bearable, &judged.misfit]
+                                .map(|grid| grid.padded(upper)),
+                            supported: &*supported,
                             fit: &mut *fit,
                             misfit: &mut *misfit,
                         };
@@ -123,8 +139,12 @@ struct Spread<'a> {
     flow: [[&'a [f32]; 3]; 2],
     /// If those are of half the size: what their values are multiplied by.
     halved: Option<f32>,
+    /// What u and v change by from an element to the next without an edge.
+    slopes: Slopes,
     unit: f32,
-    judged: [&'a [f32]; 2],
+    judged: [&'a [f32]; 3],
+    /// At least 0 where a coarse level finds the flow right.
+    supported: &'a [f32],
     /// At least 0 where all is well; for an even pixel and the odd one after it.
     fit: &'a mut [f32],
     /// In grey levels of the caller.
@@ -138,13 +158,18 @@ impl LaneKernel for Spread<'_> {
         let fit = blocks_mut(self.fit, PAD, 2 * count);
         let misfit = blocks_mut(self.misfit, PAD, 2 * count);
         let judged = self.judged.map(|row| blocks(row, PAD, count));
+        let supported = blocks(self.supported, PAD, count);
         let [[ua, u, ub], [va, v, vb]] = self.flow;
-        let (reach, groups) = match self.halved {
-            Some(_) => (RADIUS.div_ceil(2), count),
-            None => (RADIUS, 2 * count),
+        let reach = reach(self.halved);
+        let groups = match self.halved {
+            Some(_) => count,
+            None => 2 * count,
         };
-        let near_u = Near::new([ua, u, ub], reach, groups);
-        let near_v = Near::new([va, v, vb], reach, groups);
+        let [slopes_u, slopes_v] = self
+            .slopes
+            .map(|axis| axis.map(|slope| slope * reach as f32));
+        let near_u = Near::new([ua, u, ub], (reach, slopes_u), groups);
+        let near_v = Near::new([va, v, vb], (reach, slopes_v), groups);
         let scale = s.splat(self.halved.unwrap_or(1.0));
         let (edge, unit) = (s.splat(EDGE), s.splat(self.unit));
         for i in 0..count {
@@ -155,11 +180,12 @@ impl LaneKernel for Spread<'_> {
                 let second = near_u.range(s, 2 * i + 1) + near_v.range(s, 2 * i + 1);
                 first.deinterleave(second).0
             };
-            let good = s.get(&judged[0][i]).min(edge - range);
+            let elsewhere = s.get(&judged[1][i]).min(s.get(&supported[i]));
+            let good = s.get(&judged[0][i]).max(elsewhere).min(edge - range);
             let (first, second) = good.interleave(good);
             first.put(&mut fit[2 * i]);
             second.put(&mut fit[2 * i + 1]);
-            let residual = s.get(&judged[1][i]) * unit;
+            let residual = s.get(&judged[2][i]) * unit;
             let (first, second) = residual.interleave(residual);
             first.put(&mut misfit[2 * i]);
             second.put(&mut misfit[2 * i + 1]);
@@ -167,14 +193,37 @@ impl LaneKernel for Spread<'_> {
     }
 }
 
-/// Nine values around each pixel.
-struct Near<'a>([&'a [[f32; LANES]]; 9]);
+/// How far around a pixel of the grids of the flow no edge may be: that of a flow that was measured at half the size is not
+/// sharp.
+fn reach(halved: Option<f32>) -> usize {
+    match halved {
+        Some(scale) if scale > 1.0 => RADIUS + 1,
+        Some(_) => RADIUS.div_ceil(2),
+        None => RADIUS,
+    }
+}
+
+/// Write what `support` says of the pixels of row `y` of the grid of judgements.
+fn spread_support(support: &PaddedPlane, y: usize, to: &mut [f32]) {
+    let nearest = |at: usize, size: usize| ((at + APART / 2) / APART).min(size - 1);
+    let row = support.row(nearest(y, support.height()));
+    for (x, to) in to.iter_mut().enumerate() {
+        *to = row[nearest(x, row.len())];
+    }
+}
+
+/// Nine values around each pixel, and what they change by along x and y from one to the next.
+struct Near<'a>([&'a [[f32; LANES]]; 9], [f32; 2]);
 
 impl<'a> Near<'a> {
     #[inline(always)]
-    fn new([above, here, below]: [&'a [f32]; 3], reach: usize, count: usize) -> Self {
+    fn new(
+        [above, here, below]: [&'a [f32]; 3],
+        (reach, slopes): (usize, [f32; 2]),
+        count: usize,
+    ) -> Self {
         let (left, right) = (PAD - reach, PAD + reach);
-        Self([
+        let around = [
             blocks(above, left, count),
             blocks(above, PAD, count),
             blocks(above, right, count),
@@ -184,17 +233,20 @@ impl<'a> Near<'a> {
             blocks(below, left, count),
             blocks(below, PAD, count),
             blocks(below, right, count),
-        ])
+        ];
+        Self(around, slopes)
     }
 
-    /// The difference of the largest and the least.
+    /// The difference of the largest and the least, as they would be without the slopes.
     #[inline(always)]
     fn range<S: Simd>(&self, s: S, i: usize) -> S::F {
-        let first = s.get(&self.0[0][i]);
+        let [along_x, along_y] = self.1;
+        let first = s.get(&self.0[0][i]) + s.splat(along_x + along_y);
         let (mut least, mut largest) = (first, first);
         macro_rules! each {
             ($($k:literal)+) => {$(
-                let value = s.get(&self.0[$k][i]);
+                let (column, row) = (($k % 3) as f32 - 1.0, ($k / 3) as f32 - 1.0);
+                let value = s.get(&self.0[$k][i]) - s.splat(along_x * column + along_y * row);
                 least = value.min(least);
                 largest = value.max(largest);
             )+};
@@ -217,7 +269,7 @@ struct Inside<'a> {
 impl LaneKernel for Inside<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let count = grid::groups(self.size[0] as usize + 1);
+        let count = padded_plane::groups(self.size[0] as usize + 1);
         let [u, v] = self.flow;
         let (u, v) = (blocks(u, PAD, count), blocks(v, PAD, count));
         let fit = blocks(self.fit, PAD, count);

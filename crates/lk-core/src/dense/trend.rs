@@ -1,0 +1,261 @@
+//! The affine motion that most of a flow follows.
+//!
+//! A turn, a zoom or a slanted surface has a flow that changes from pixel to pixel. Smoothness asks for that change, not for
+//! none, and what changes so is no edge of motion.
+
+use crate::error::Result;
+use crate::memory::reserve;
+
+use super::padded_plane::PaddedPlane;
+
+/// What u and what v change by along x and along y, from an element to the next.
+pub(super) type Slopes = [[f32; 2]; 2];
+
+/// Samples along the longer side; each is the mean of nine places, so that noise does not hide what is common.
+const SAMPLES: usize = 30;
+/// Samples this near the planes follow them, in pixels of the level: on coarse levels, and before it is smoothed, the flow of
+/// an affine motion is no better.
+const NEAR: f64 = 0.5;
+/// Samples this near are on the planes.
+const ON: f64 = 0.15;
+/// Below this distance the weight of a sample does not grow any more, squared pixels.
+const SOFT: f64 = 0.01;
+/// Tiles along each axis whose own planes are tried.
+const TILES: usize = 3;
+/// Times that samples are weighed anew by their distances.
+const PASSES: usize = 3;
+/// Where more samples follow the planes through all of them no others are tried.
+const PLENTY: f32 = 0.9;
+/// Where fewer do there is no motion that most of the flow follows.
+const ENOUGH: f32 = 0.4;
+
+/// What most of a flow does.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Trend {
+    /// Per pixel of the level; 0 where no affine motion has enough of the flow.
+    pub(super) slopes: Slopes,
+    /// The share of the flow that is nothing else.
+    pub(super) affine: f32,
+}
+
+/// Planes of u and v over coordinates of -1 to 1.
+type Planes = [[f64; 3]; 2];
+
+impl Trend {
+    /// The trend of u and v; `halved` is what their values are multiplied by if they are of half the size of the level.
+    /// `samples` is memory.
+    pub(super) fn of(
+        flow: [&PaddedPlane; 2],
+        halved: Option<f32>,
+        samples: &mut Vec<Sample>,
+    ) -> Result<Self> {
+        let centre = [flow[0].width(), flow[0].height()].map(|size| 0.5 * size as f64);
+        take(flow, f64::from(halved.unwrap_or(1.0)), centre, samples)?;
+        let (planes, share) = fit(samples);
+        if share < ENOUGH {
+            return Ok(Self::default());
+        }
+        let across = if halved.is_some() { 2.0 } else { 1.0 };
+        let [x, y] = centre.map(|centre| 1.0 / (centre * across));
+        Ok(Self {
+            slopes: planes
+                .map(|[_, along_x, along_y]| [(along_x * x) as f32, (along_y * y) as f32]),
+            affine: within(samples, &planes, ON),
+        })
+    }
+}
+
+/// A place in coordinates of -1 to 1, and u and v there.
+pub(super) type Sample = [f64; 4];
+
+fn take(
+    [u, v]: [&PaddedPlane; 2],
+    scale: f64,
+    [x0, y0]: [f64; 2],
+    samples: &mut Vec<Sample>,
+) -> Result<()> {
+    samples.clear();
+    let (width, height) = (u.width(), u.height());
+    let step = (width.max(height) / SAMPLES).max(1);
+    let apart = step / 3;
+    reserve(
+        "samples of a flow",
+        samples,
+        width.div_ceil(step) * height.div_ceil(step),
+    )?;
+    let scale = scale / 9.0;
+    for y in (step / 2..height).step_by(step) {
+        let rows = [y.saturating_sub(apart), y, (y + apart).min(height - 1)];
+        for x in (step / 2..width).step_by(step) {
+            let columns = [x.saturating_sub(apart), x, (x + apart).min(width - 1)];
+            let mean = |grid: &PaddedPlane| {
+                let sum: f32 = rows
+                    .map(|y| {
+                        let row = grid.row(y);
+                        (row[columns[0]] + row[columns[1]]) + row[columns[2]]
+                    })
+                    .iter()
+                    .sum();
+                f64::from(sum) * scale
+            };
+            let place = [(x as f64 - x0) / x0, (y as f64 - y0) / y0];
+            samples.push([place[0], place[1], mean(u), mean(v)]);
+        }
+    }
+    Ok(())
+}
+
+/// The planes that most samples are near, and the share of them. Planes through all samples lie between two motions; those
+/// through a ninth of the picture are of one of them somewhere.
+fn fit(samples: &[Sample]) -> (Planes, f32) {
+    let rated = |planes: Planes| (planes, within(samples, &planes, NEAR));
+    let whole = least_squares(samples, |_| 1.0);
+    let mut best = whole.map_or((Planes::default(), 0.0), rated);
+    if best.1 < PLENTY {
+        for tile in 0..TILES * TILES {
+            let centre = [tile % TILES, tile / TILES]
+                .map(|place| (2 * place + 1) as f64 / TILES as f64 - 1.0);
+            let inside = |[x, y, ..]: &Sample| {
+                let reach = 1.0 / TILES as f64;
+                (x - centre[0]).abs() <= reach && (y - centre[1]).abs() <= reach
+            };
+            let found = least_squares(samples, |sample| if inside(sample) { 1.0 } else { 0.0 });
+            if let Some(found) = found.map(rated)
+                && found.1 > best.1
+            {
+                best = found;
+            }
+        }
+    }
+    for _ in 0..PASSES {
+        let before = best.0;
+        let found = least_squares(samples, |sample| {
+            1.0 / (SOFT + squared_distance(&before, sample))
+        });
+        let Some(found) = found else { break };
+        best = rated(found);
+    }
+    best
+}
+
+/// The share of samples within a distance of the planes.
+fn within(samples: &[Sample], planes: &Planes, distance: f64) -> f32 {
+    let near = |sample: &&Sample| squared_distance(planes, sample) < distance * distance;
+    samples.iter().filter(near).count() as f32 / samples.len().max(1) as f32
+}
+
+fn least_squares(samples: &[Sample], weight: impl Fn(&Sample) -> f64) -> Option<Planes> {
+    let mut sums = [0.0; 12];
+    for sample in samples {
+        let [x, y, u, v] = *sample;
+        let w = weight(sample);
+        let (wx, wy) = (w * x, w * y);
+        let terms = [
+            w,
+            wx,
+            wy,
+            wx * x,
+            wx * y,
+            wy * y,
+            w * u,
+            wx * u,
+            wy * u,
+            w * v,
+            wx * v,
+            wy * v,
+        ];
+        for (sum, term) in sums.iter_mut().zip(terms) {
+            *sum += term;
+        }
+    }
+    let [n, x, y, xx, xy, yy, u, ux, uy, v, vx, vy] = sums;
+    let (mx, my) = (x / n, y / n);
+    let (cxx, cxy, cyy) = (xx / n - mx * mx, xy / n - mx * my, yy / n - my * my);
+    let determinant = cxx * cyy - cxy * cxy;
+    // A flow that is not a number, or too few samples: not above either.
+    let solvable = n > 0.0 && determinant > 1e-9;
+    let plane = |value: f64, along_x: f64, along_y: f64| {
+        let mean = value / n;
+        let (cx, cy) = (along_x / n - mx * mean, along_y / n - my * mean);
+        let sx = (cyy * cx - cxy * cy) / determinant;
+        let sy = (cxx * cy - cxy * cx) / determinant;
+        [mean - sx * mx - sy * my, sx, sy]
+    };
+    let planes = [plane(u, ux, uy), plane(v, vx, vy)];
+    let finite = planes.as_flattened().iter().all(|value| value.is_finite());
+    (solvable && finite).then_some(planes)
+}
+
+fn squared_distance(planes: &Planes, [x, y, u, v]: &Sample) -> f64 {
+    let off =
+        |[value, along_x, along_y]: &[f64; 3], at: f64| at - (value + along_x * x + along_y * y);
+    let (u, v) = (off(&planes[0], *u), off(&planes[1], *v));
+    u * u + v * v
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::padded_plane::{PAD, extend};
+    use super::*;
+
+    fn flow(width: usize, height: usize, at: impl Fn(f32, f32) -> f32) -> PaddedPlane {
+        let mut grid = PaddedPlane::default();
+        grid.resize(width, height).unwrap();
+        for y in 0..height {
+            let row = grid.padded_mut(y);
+            for x in 0..width {
+                row[PAD + x] = at(x as f32, y as f32);
+            }
+            extend(row, width);
+        }
+        grid
+    }
+
+    fn trend(flow: [&PaddedPlane; 2], halved: Option<f32>) -> Trend {
+        Trend::of(flow, halved, &mut Vec::new()).unwrap()
+    }
+
+    fn close(found: Slopes, want: Slopes) -> bool {
+        let pairs = found.as_flattened().iter().zip(want.as_flattened());
+        pairs.into_iter().all(|(a, b)| (a - b).abs() < 3e-3)
+    }
+
+    #[test]
+    fn the_slopes_of_most_of_the_flow_are_found() {
+        for (width, height) in [(160, 120), (41, 90), (9, 7)] {
+            // Two motions, one of which has more of the picture.
+            for share in [0.0, 0.25, 0.4] {
+                let other = |x: f32| x < share * width as f32;
+                let u = flow(width, height, |x, y| {
+                    if other(x) {
+                        9.0
+                    } else {
+                        1.0 + 0.02 * x - 0.1 * y
+                    }
+                });
+                let v = flow(width, height, |x, y| {
+                    if other(x) { -4.0 } else { 0.1 * x + 0.03 * y }
+                });
+                let found = trend([&u, &v], None);
+                let want = [[0.02, -0.1], [0.1, 0.03]];
+                assert!(close(found.slopes, want), "{width} {share}: {found:?}");
+                assert!((found.affine - (1.0 - share)).abs() < 0.1, "{found:?}");
+                let halved = trend([&u, &v], Some(2.0));
+                assert!(close(halved.slopes, want), "{halved:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn where_nothing_is_common_there_are_no_slopes() {
+        let wild = |x: f32, y: f32| 7.0 * (x * x + 3.1 * y * y).sin();
+        let (u, v) = (flow(80, 60, wild), flow(80, 60, |x, y| wild(y, x)));
+        assert_eq!(trend([&u, &v], None), Trend::default());
+        for value in [f32::NAN, f32::INFINITY] {
+            let bad = flow(30, 20, |_, _| value);
+            assert_eq!(trend([&bad, &bad], None), Trend::default());
+        }
+        let thin = flow(30, 1, |x, _| x);
+        assert_eq!(trend([&thin, &thin], None), Trend::default());
+    }
+}

@@ -1,0 +1,108 @@
+"""Dense flow by kind of motion, light and content, on photographs: each kind has its limit beside OpenCV's DIS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+import skimage.data
+from numpy.typing import NDArray
+
+import rsflow
+
+SIZE = (384, 480)
+BORDER = 16
+
+Light = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def photograph(name: str) -> NDArray[np.float64]:
+    picture = getattr(skimage.data, name)()
+    grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) if picture.ndim == 3 else picture
+    top, left = ((grey.shape[axis] - SIZE[axis]) // 2 for axis in (0, 1))
+    return grey[top : top + SIZE[0], left : left + SIZE[1]].astype(np.float64)
+
+
+def turned(degrees: float, zoom: float = 1.0, dx: float = 0.0, dy: float = 0.0) -> NDArray[np.float64]:
+    height, width = SIZE
+    matrix = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, zoom)
+    matrix[:, 2] += dx, dy
+    return matrix
+
+
+def shaded(share: float) -> Light:
+    y, x = np.mgrid[0 : SIZE[0], 0 : SIZE[1]]
+    darker = 2 * share * ((x / SIZE[1] - 0.5) ** 2 + (y / SIZE[0] - 0.5) ** 2)
+    return lambda picture: picture * (1 - darker)
+
+
+def shadowed(picture: NDArray[np.float64]) -> NDArray[np.float64]:
+    y, x = np.mgrid[0 : SIZE[0], 0 : SIZE[1]]
+    return np.where(x + 0.5 * y > 0.7 * SIZE[1], 0.5 * picture, picture)
+
+
+def steady(picture: NDArray[np.float64]) -> NDArray[np.float64]:
+    return picture
+
+
+GENTLE = turned(-1.0, 1.0, 2.3, 1.2)
+# Motion, light of the second frame, noise in grey levels, and the largest share of the error of DIS medium.
+KINDS: dict[str, tuple[NDArray[np.float64], Light, float, float]] = {
+    "shift of half a pixel": (turned(0, 1, 0.5, -0.3), steady, 1, 0.7),
+    "shift of 4 pixels": (turned(0, 1, 4.3, -2.2), steady, 1, 0.8),
+    "shift of 12 pixels": (turned(0, 1, 9.6, 6.4), steady, 1, 0.8),
+    "turn": (turned(-8), steady, 1, 0.5),
+    "zoom": (turned(0, 1.1), steady, 1, 0.5),
+    "noise": (GENTLE, steady, 6, 0.6),
+    "blur": (GENTLE, lambda picture: cv2.GaussianBlur(picture, (0, 0), 1.5), 1, 0.8),
+    "gain": (GENTLE, lambda picture: 0.7 * picture + 10, 1, 0.5),
+    "lens shading": (GENTLE, shaded(0.3), 1, 0.6),
+    "hard shadow": (GENTLE, shadowed, 1, 0.6),
+}
+
+
+def pair(
+    name: str, matrix: NDArray[np.float64], light: Light, noise: float
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float64], NDArray[np.bool_]]:
+    """Give both frames, the true flow, and where both frames show the same."""
+    height, width = SIZE
+    prev = photograph(name)
+    moved = cv2.warpAffine(prev, matrix, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    generator = np.random.default_rng(7)
+    frames = [
+        np.clip(np.rint(frame + noise * generator.standard_normal(SIZE)), 0, 255).astype(np.uint8)
+        for frame in (prev, light(moved))
+    ]
+    y, x = np.mgrid[0:height, 0:width].astype(np.float64)
+    to = np.stack([row[0] * x + row[1] * y + row[2] for row in matrix], -1)
+    inside = (to >= BORDER).all(-1) & (to[..., 0] < width - BORDER) & (to[..., 1] < height - BORDER)
+    inside[:BORDER], inside[-BORDER:], inside[:, :BORDER], inside[:, -BORDER:] = False, False, False, False
+    return frames[0], frames[1], to - np.stack([x, y], -1), inside
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_measured_better_than_by_dis_and_rightly_called_valid(kind: str) -> None:
+    matrix, light, noise, most = KINDS[kind]
+    dis = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    ours, theirs, wrong = [], [], []
+    for name in ("camera", "coffee"):
+        prev, after, truth, inside = pair(name, matrix, light, noise)
+        field = rsflow.dense_flow(prev, after)
+        error = np.hypot(*(field.uv - truth).transpose(2, 0, 1))
+        ours.append(error[inside].mean())
+        theirs.append(np.hypot(*(dis.calc(prev, after, None) - truth).transpose(2, 0, 1))[inside].mean())
+        valid = field.valid & inside
+        assert valid.sum() > 0.5 * inside.sum(), (name, valid.sum() / inside.sum())
+        wrong.append((error[valid] > 1).mean())
+    assert np.mean(ours) < most * np.mean(theirs), (np.mean(ours), np.mean(theirs))
+    assert np.mean(wrong) < 0.01, wrong
+
+
+def test_unrelated_pictures_and_flat_ground_are_not_valid() -> None:
+    generator = np.random.default_rng(3)
+    pictures = [photograph(name).astype(np.uint8) for name in ("gravel", "brick")]
+    assert rsflow.dense_flow(*pictures).valid.mean() < 0.05
+    flat = [np.rint(120 + 2 * generator.standard_normal(SIZE)).astype(np.uint8) for _ in range(2)]
+    assert rsflow.dense_flow(*flat).valid.mean() < 0.1
