@@ -95,5 +95,5 @@ def test_misuse_is_told_at_once() -> None:
     estimator = opencv.DenseFlow()
     with pytest.raises(rsflow.ShapeError, match="I0: got colour"):
         estimator.calc(np.dstack([PREV] * 3), np.dstack([NEXT] * 3), None)
-    with pytest.raises(rsflow.ShapeError, match="expected the shape of prev"):
+    with pytest.raises(rsflow.ShapeError, match="expected the shape of I0"):
         estimator.calc(PREV, NEXT[:50], None)
