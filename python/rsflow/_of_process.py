@@ -35,13 +35,13 @@ class OfProcess:
         return made
 
     @property
-    def elsewhere(self) -> bool:
+    def _elsewhere(self) -> bool:
         """Whether this is another process than the one that made it."""
         return self._process != os.getpid()
 
-    def expect_here(self, what: str) -> None:
+    def _expect_here(self, what: str) -> None:
         """Raise RsflowError in another process."""
-        if self.elsewhere:
+        if self._elsewhere:
             raise RsflowError(
                 f"{what}: got a call in process {os.getpid()}, a fork of process {self._process} that opened it, "
                 "which alone can go on with it: open it anew here"

@@ -96,7 +96,7 @@ class AvSink(OfProcess):
                 self._container.close()
 
     def abandon(self) -> None:
-        if self.elsewhere:
+        if self._elsewhere:
             return
         with self._named, opening:
             self._container.close()
@@ -142,7 +142,7 @@ class Cv2Sink(OfProcess):
             raise self._failure(f"OpenCV kept {frames} of {self._frames} pictures")
 
     def abandon(self) -> None:
-        if self.elsewhere:
+        if self._elsewhere:
             return
         with self._named, opening:
             self._writer.release()

@@ -90,7 +90,7 @@ class VideoWriter(OfProcess):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self.elsewhere:
+        if self._elsewhere:
             return
         if kind is None:
             self.finish()
@@ -124,7 +124,7 @@ class VideoWriter(OfProcess):
         RsflowError
             In a child of ``fork()``: the process that made the writer alone writes with it.
         """
-        self.expect_here(str(self.path))
+        self._expect_here(str(self.path))
         if self._closed:
             raise OptionError(f"picture: got one for {self.path}, which is closed, expected none after finish()")
         bgr = self._checked(picture)
@@ -150,7 +150,7 @@ class VideoWriter(OfProcess):
         """
         if self._closed:
             return
-        self.expect_here(str(self.path))
+        self._expect_here(str(self.path))
         try:
             if self._sink is not None:
                 self._sink.close()
@@ -168,7 +168,7 @@ class VideoWriter(OfProcess):
 
     def discard(self) -> None:
         """Close the video and leave nothing of it; an older file of that name stays as it was."""
-        if self.elsewhere:
+        if self._elsewhere:
             # It is the parent's to go on with.
             return
         self._closed = True

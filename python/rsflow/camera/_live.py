@@ -118,7 +118,7 @@ class LiveReader(OfProcess):
 
     def read(self, wanted: bool) -> Raw | None:
         """Wait for a frame, at most the time-out."""
-        self.expect_here(self.source)
+        self._expect_here(self.source)
         with self._changed:
             self._changed.wait_for(lambda: self._queue or self._failure or self._stopped, timeout=self._timeout_s)
             if self._queue:
@@ -134,7 +134,7 @@ class LiveReader(OfProcess):
 
     def close(self) -> None:
         """Stop the thread and release the camera."""
-        if self.elsewhere:
+        if self._elsewhere:
             # The thread is the parent's, and may have held the lock.
             return
         with self._changed:

@@ -194,7 +194,7 @@ class Packets(OfProcess):
     def close(self) -> None:
         """Release the file."""
         self._ended = True
-        if not self.elsewhere:
+        if not self._elsewhere:
             with opening:
                 self._capture.release()
 

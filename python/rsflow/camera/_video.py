@@ -205,7 +205,7 @@ class VideoReader(OfProcess):
 
     def read(self, wanted: bool) -> Raw | None:
         """Give the next frame with its timestamp."""
-        self.expect_here(self.source)
+        self._expect_here(self.source)
         while not self._ended and len(self._buffer) <= self._delay:
             self._grab(wanted)
         if not self._buffer:
@@ -265,7 +265,7 @@ class VideoReader(OfProcess):
         self._ended = True
         self._buffer.clear()
         self._waiting_s.clear()
-        if self.elsewhere:
+        if self._elsewhere:
             return
         with opening:
             self._capture.release()

@@ -174,7 +174,7 @@ class Frames(Iterator[Frame]):
         if self._closed:
             raise StopIteration
         if isinstance(self._reader, OfProcess):
-            self._reader.expect_here(self.source)
+            self._reader._expect_here(self.source)
         try:
             while self._stop is None or self._position < self._stop:
                 offset = self._position - self._start
