@@ -11,6 +11,7 @@ from .options import FLOAT32_MAX, choice, integer, integers, number, number_or_n
 
 Illumination = Literal["none", "offset", "gain_offset"]
 Deformation = Literal["auto", "none", "affine"]
+Deformation = Literal["auto", "none", "affine"]
 ShiftDeformation = Literal["none", "affine"]
 Preset = Literal["ultrafast", "fast", "balanced", "accurate"]
 
