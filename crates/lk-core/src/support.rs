@@ -568,7 +568,7 @@ mod tests {
             columns in 1usize..30, rows in 1usize..30, seed in any::<u32>(), share in 0u32..40,
         ) {
             let random = |x: usize, y: usize| {
-                (x as u32 * 7919 + y as u32 * 104_729 + seed).wrapping_mul(2_654_435_761) >> 16
+                (x as u32 * 7919 + y as u32 * 104_729).wrapping_add(seed).wrapping_mul(2_654_435_761) >> 16
             };
             let frame = Array2::from_shape_fn((height, width), |(y, x)| {
                 if random(x, y) % 997 < share { f32::NAN } else { (x + y) as f32 }
@@ -597,7 +597,7 @@ mod tests {
             height in 1usize..30, width in 1usize..30, seed in any::<u32>(), share in 0u32..300,
         ) {
             let mask = Array2::from_shape_fn((height, width), |(y, x)| {
-                ((x as u32 * 7919 + y as u32 * 104_729 + seed).wrapping_mul(2_654_435_761) >> 16) % 997 >= share
+                ((x as u32 * 7919 + y as u32 * 104_729).wrapping_add(seed).wrapping_mul(2_654_435_761) >> 16) % 997 >= share
             });
             let frame = Array2::from_shape_fn((height, width), |(y, x)| (x * y) as f32);
             let finer = support(&frame, Some(&mask));
