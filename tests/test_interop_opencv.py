@@ -58,7 +58,8 @@ def test_points_go_where_opencv_has_them(call):
     assert np.quantile(difference[inner], 0.9) < 0.02
     # Over the border too: gradients are zero out there.
     assert np.quantile(difference, 0.9) < 0.03
-    error = np.abs(got[2] - want[2])[both, 0]
+    # OpenCV leaves the errors of lost points unset: they may be anything, NaN too.
+    error = np.abs(got[2][both, 0] - want[2][both, 0])
     assert np.median(error) < 0.02 * np.median(want[2][both]) + 0.02
 
 

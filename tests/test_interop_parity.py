@@ -52,7 +52,8 @@ def test_every_picture_and_motion(name, motion, call):
     assert status >= 0.99
     assert difference < 0.01
     both = ((got[1] == 1) & (want[1] == 1))[:, 0]
-    error = np.abs(got[2] - want[2])[both, 0]
+    # OpenCV leaves the errors of lost points unset: they may be anything, NaN too.
+    error = np.abs(got[2][both, 0] - want[2][both, 0])
     assert np.median(error) <= 0.01 * np.median(want[2][both])
 
 
@@ -118,7 +119,7 @@ def test_both_flags_at_once_and_points_outside():
     assert not got[1][-4:].any()
     np.testing.assert_array_equal(got[1][-4:], want[1][-4:])
     found = want[1][:, 0] == 1
-    assert np.median(np.abs(got[2] - want[2])[found]) <= 0.01 * np.median(want[2][found])
+    assert np.median(np.abs(got[2][found] - want[2][found])) <= 0.01 * np.median(want[2][found])
 
 
 def test_flags_are_those_of_opencv():
