@@ -108,7 +108,11 @@ def test_one_direction_of_texture_is_an_aperture():
     prev, nxt = (np.round(stripes + rng.standard_normal(stripes.shape)).astype(np.uint8) for _ in range(2))
     shift = estimate_shift(prev, nxt)
     assert shift.status == ShiftStatus.APERTURE
-    assert np.isnan(shift.dx)
+    assert not shift.valid
+    assert abs(shift.dx) < 5 * np.sqrt(shift.direction_variance)
+    assert shift.direction_variance < 0.01
+    assert abs(shift.direction[0]) > 0.999
+    assert np.isinf(shift.covariance[1, 1])
 
 
 @pytest.mark.parametrize("period", [4.0, 9.0, 20.0])
@@ -120,6 +124,9 @@ def test_a_grating_is_an_aperture_and_not_measured_along_itself(period, angle):
     prev, nxt = (110 + 50 * np.sin(across - phase) + rng.standard_normal(x.shape) for phase in (0.0, 1.1))
     shift = estimate_shift(prev.astype(np.float32), nxt.astype(np.float32))
     assert shift.status == ShiftStatus.APERTURE
+    # One period is as good as another: nothing is measured across it either.
+    assert np.isnan(shift.dx)
+    assert np.isinf(shift.direction_variance)
 
 
 def checked(dx: float, dy: float, period: float, extra: float, seed: int) -> list[np.ndarray]:
@@ -206,6 +213,8 @@ def test_threads_do_not_change_a_bit():
         ({"max_displacement": float("nan")}, rsflow.OptionError, "max_displacement: got NaN"),
         ({"mask": np.ones((60, 59), dtype=bool)}, rsflow.ShapeError, "mask"),
         ({"mask": np.ones((60, 60))}, rsflow.DTypeError, "mask"),
+        ({"next_mask": np.ones((60, 59), dtype=bool)}, rsflow.ShapeError, "next_mask"),
+        ({"deformation": "linear"}, rsflow.OptionError, "affine"),
     ],
 )
 def test_misuse_is_explained(options, error, message):
@@ -335,3 +344,181 @@ def test_a_blank_frame_is_not_measured(illumination: str, level: int) -> None:
         assert shift.status in (rsflow.ShiftStatus.NO_TEXTURE, rsflow.ShiftStatus.NO_MATCH), shift
         assert np.isnan(shift.dx)
         assert np.isinf(shift.covariance[0, 0])
+
+
+def flat_shape(kind: str, height: int, width: int, dx: float, dy: float) -> np.ndarray:
+    """A shape of one grey level on plain ground, sampled eight times as finely and averaged."""
+    fine = 8
+    y, x = np.mgrid[0 : height * fine, 0 : width * fine]
+    x, y = (x + 0.5) / fine - 0.5 - width / 2 - dx, (y + 0.5) / fine - 0.5 - height / 2 - dy
+    unit = min(height, width)
+    inside = {
+        "disc": np.hypot(x - 2.3, y + 1.1) < 0.25 * unit,
+        "square": (np.abs(x + 1.7) < 0.22 * unit) & (np.abs(y - 0.6) < 0.18 * unit),
+        "silhouette": np.hypot(x, y) < unit * (0.2 + 0.05 * np.sin(3 * np.arctan2(y, x)) + 0.03 * np.cos(5 * x / unit)),
+        "letters": (np.abs(y) < 0.3 * unit)
+        & (np.abs(x) < 0.35 * unit)
+        & (np.sin(x * (1 + x / unit) * 25 / unit) * np.cos(y * (1 + y / unit) * 21 / unit) > 0.2),
+    }[kind]
+    return (30 + 190 * inside).reshape(height, fine, width, fine).mean((1, 3))
+
+
+@pytest.mark.parametrize("illumination", ["none", "offset", "gain_offset"])
+@pytest.mark.parametrize("kind", ["disc", "square", "silhouette", "letters"])
+@pytest.mark.parametrize("size", [(32, 32), (64, 80), (120, 160)])
+def test_flat_shapes_are_measured(kind: str, size: tuple[int, int], illumination: str) -> None:
+    rng = np.random.default_rng(len(kind) + size[0])
+    for dx, dy in ((1.0, 2.0), (-2.0, 1.0), (0.25, -1.5)):
+        frames = [flat_shape(kind, *size, 0.0, 0.0), flat_shape(kind, *size, dx, dy)]
+        for noise, dtype in ((0.0, np.uint8), (1.5, np.uint8), (0.0, np.float32)):
+            noisy = [frame + noise * rng.standard_normal(size) for frame in frames]
+            shift = estimate_shift(
+                *((np.round(f) if dtype is np.uint8 else f).astype(dtype) for f in noisy), illumination=illumination
+            )
+            assert shift.valid, (dx, dy, noise, dtype, shift.status)
+            assert np.hypot(shift.dx - dx, shift.dy - dy) < 0.12, (dx, dy, noise, dtype)
+
+
+@pytest.mark.parametrize("illumination", ["none", "offset", "gain_offset"])
+def test_rolled_discs_are_exact(illumination: str) -> None:
+    y, x = np.mgrid[0:120, 0:160]
+    for radius in (20, 30, 40):
+        for cx, cy in ((60.0, 50.0), (74.8, 66.4), (97.0, 58.2)):
+            disc = np.round(10 + 230 * np.clip(radius - np.hypot(x - cx, y - cy) + 0.5, 0, 1)).astype(np.uint8)
+            for d in ((1, 1), (-2, 1), (3, -2), (0, 2)):
+                shift = estimate_shift(disc, np.roll(disc, d[::-1], (0, 1)), illumination=illumination)
+                assert shift.valid
+                assert np.hypot(shift.dx - d[0], shift.dy - d[1]) < 1e-3
+
+
+@pytest.mark.parametrize("angle", [0.0, 25.0, 90.0, 140.0])
+def test_an_edge_is_measured_across(angle: float) -> None:
+    rng = np.random.default_rng(round(angle))
+    normal = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+    y, x = np.mgrid[0:64, 0:64] - 31.5
+    frames = [
+        np.round(110 + 60 * np.tanh((normal[0] * x + normal[1] * y - t) / 2) + rng.standard_normal(x.shape))
+        for t in (0.0, 1.3)
+    ]
+    shift = estimate_shift(*(frame.astype(np.uint8) for frame in frames))
+    assert shift.status == ShiftStatus.APERTURE
+    assert abs(shift.direction @ normal) > 0.999
+    assert normal @ [shift.dx, shift.dy] == pytest.approx(1.3, abs=5 * np.sqrt(shift.direction_variance) + 0.02)
+    assert np.isinf(np.diag(shift.covariance)).any()
+
+
+def particles(field, size: int, seed: int, *, loss: float = 0.0, density: float = 0.04) -> list[np.ndarray]:
+    """Particles that move by `field`, of which a share `loss` is replaced."""
+    rng = np.random.default_rng(seed)
+    count = round(density * (size + 40) ** 2)
+    x, y, light = rng.uniform(-20, size + 20, count), rng.uniform(-20, size + 20, count), rng.uniform(60, 200, count)
+    u, v = field(x, y)
+    lost = rng.random(count) < loss
+    after = [np.where(lost, rng.uniform(-20, size + 20, count), at) for at in (x + u, y + v)]
+    frames = []
+    for px, py in ((x, y), after):
+        canvas = np.full((size, size), 10.0)
+        for cx, cy, peak in zip(px, py, light, strict=True):
+            left, top = max(round(cx) - 5, 0), max(round(cy) - 5, 0)
+            part = canvas[top : round(cy) + 6, left : round(cx) + 6]
+            if part.size:
+                gy, gx = np.mgrid[top : top + part.shape[0], left : left + part.shape[1]]
+                part += peak * np.exp(-((gx - cx) ** 2 + (gy - cy) ** 2) / 0.8)
+        frames.append(np.clip(np.round(canvas + 2 * rng.standard_normal(canvas.shape)), 0, 255).astype(np.uint8))
+    return frames
+
+
+def test_particles_of_which_many_are_lost_are_accepted_for_what_they_are_worth() -> None:
+    errors, total = [], 0
+    for seed in range(6):
+        prev, nxt = particles(lambda x, y: (2.3 + 0 * x, -1.4 + 0 * y), 160, seed, loss=0.25)
+        for x0 in range(16, 144, 32):
+            for y0 in range(16, 144, 32):
+                shift = estimate_shift(prev, nxt, roi=(x0, y0, 32, 32), max_displacement=8)
+                total += 1
+                if shift.valid:
+                    errors.append((np.array([shift.dx - 2.3, shift.dy + 1.4]), np.sqrt(np.diag(shift.covariance))))
+    assert len(errors) > 0.9 * total
+    off, std = (np.array(part) for part in zip(*errors, strict=True))
+    assert np.abs(off).max() < 1.0
+    assert np.mean(np.abs(off) < 2 * std) > 0.9
+
+
+def test_unrelated_particles_are_no_match() -> None:
+    still = np.zeros_like
+    for seed in range(12):
+        (prev, _), (nxt, _) = (particles(lambda x, y: (still(x), still(y)), 64, s) for s in (seed, seed + 900))
+        for x0, y0 in ((0, 0), (32, 0), (16, 24)):
+            assert not estimate_shift(prev, nxt, roi=(x0, y0, 32, 32), max_displacement=12).valid
+
+
+def test_a_window_that_deforms_gives_its_centre_and_its_gradient() -> None:
+    gradient = np.array([[0.0, 0.03], [-0.01, 0.02]])
+    centre = 79.5
+
+    def field(x, y):
+        return (
+            1.2 + gradient[0, 0] * (x - centre) + gradient[0, 1] * (y - centre),
+            -0.7 + gradient[1, 0] * (x - centre) + gradient[1, 1] * (y - centre),
+        )
+
+    off, units = [], []
+    for seed in range(5):
+        prev, nxt = particles(field, 160, seed)
+        for x0 in range(16, 144, 32):
+            for y0 in range(16, 144, 32):
+                shift = estimate_shift(prev, nxt, roi=(x0, y0, 32, 32), max_displacement=8, deformation="affine")
+                assert shift.valid
+                truth = np.array(field(x0 + 15.5, y0 + 15.5))
+                off.append([shift.dx, shift.dy] - truth)
+                errors = np.concatenate([off[-1], (shift.gradient - gradient).ravel()])
+                units.append(errors / np.sqrt(np.diag(shift.joint_covariance)))
+                np.testing.assert_array_equal(shift.joint_covariance[:2, :2], shift.covariance)
+                assert shift.gradient_covariance.shape == (4, 4)
+    assert np.sqrt(np.mean(np.sum(np.square(off), axis=1))) < 0.02
+    assert 0.60 < np.mean(np.abs(units) < 1) < 0.82
+    assert 0.90 < np.mean(np.abs(units) < 2) < 0.995
+
+
+@pytest.mark.parametrize("side", ["prev", "next", "both"])
+@pytest.mark.parametrize("fill", [0.0, 255.0, np.nan])
+def test_an_overlay_that_is_masked_says_nothing(side: str, fill: float) -> None:
+    off = []
+    for seed in range(12):
+        dx, dy = np.random.default_rng(seed).uniform(-3, 3, 2)
+        prev, nxt = pair(dx, dy, size=64, noise=1.0, seed=seed)
+        keep = np.ones(prev.shape, dtype=bool)
+        keep[8:30, 20:50] = False
+        frames = {"prev": prev.copy(), "next": nxt.copy()}
+        masks = {}
+        for name, argument in (("prev", "mask"), ("next", "next_mask")):
+            if side in (name, "both"):
+                frames[name][~keep] = fill
+                masks[argument] = keep
+        shift = estimate_shift(frames["prev"], frames["next"], **masks)
+        assert shift.valid
+        std = np.sqrt(np.diag(shift.covariance))
+        off += [(shift.dx - dx) / std[0], (shift.dy - dy) / std[1]]
+    assert np.abs(off).max() < 4
+    assert np.mean(np.abs(off) < 2) > 0.8
+
+
+def test_dead_pixels_cost_little() -> None:
+    rng = np.random.default_rng(1)
+    valid = 0
+    for seed in range(20):
+        dx, dy = rng.uniform(-4, 4, 2)
+        prev, nxt = (frame.copy() for frame in pair(dx, dy, size=60, noise=1.0, seed=seed))
+        for frame in (prev, nxt):
+            frame[rng.random(frame.shape) < 0.01] = np.nan
+        shift = estimate_shift(prev, nxt)
+        valid += shift.valid and np.hypot(shift.dx - dx, shift.dy - dy) < 0.1
+    assert valid == 20
+
+
+def test_no_support_in_common_is_told() -> None:
+    prev, nxt = pair(1.0, 1.0)
+    left = np.zeros(prev.shape, dtype=bool)
+    left[:, :30] = True
+    assert not estimate_shift(prev, nxt, mask=left, next_mask=~left).valid
+    assert estimate_shift(prev, nxt, mask=np.zeros_like(left)).status == ShiftStatus.TOO_SMALL

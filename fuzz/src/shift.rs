@@ -1,7 +1,10 @@
 //! `estimate_shift`.
 
 use arbitrary::Arbitrary;
-use lk_core::{Execution, Illumination, Roi, Shift, ShiftOptions, estimate_shift};
+use lk_core::{
+    ShiftDeformation, Execution, Illumination, Masks, Roi, Shift, ShiftOptions, ShiftStatus,
+    estimate_shift,
+};
 
 use crate::frames::{Frames, Grey, mask};
 use crate::{by_depth, others, plain};
@@ -11,7 +14,8 @@ use crate::{by_depth, others, plain};
 pub struct Case {
     frames: Frames,
     roi: Option<[u8; 4]>,
-    mask: Option<u16>,
+    masks: [Option<u16>; 2],
+    deforms: bool,
     illumination: u8,
     max_displacement: Option<f32>,
 }
@@ -27,10 +31,18 @@ pub fn check(case: &Case) {
 fn check_as<T: Grey>(case: &Case) {
     let (prev, next) = case.frames.pair::<T>();
     let (height, width) = case.frames.size();
-    let mask = mask((height, width), case.mask);
+    let [mask, next_mask] = case.masks.map(|seed| mask((height, width), seed));
+    let masks = Masks::default()
+        .prev(mask.as_ref().map(|mask| mask.view()))
+        .next(next_mask.as_ref().map(|mask| mask.view()));
     let options = |execution: Execution| {
         let mut options = ShiftOptions::default()
             .illumination(light(case.illumination))
+            .deformation(if case.deforms {
+                ShiftDeformation::Affine
+            } else {
+                ShiftDeformation::None
+            })
             .execution(execution);
         if let Some([x, y, width, height]) = case.roi.map(|sides| sides.map(usize::from)) {
             options = options.roi(Roi {
@@ -45,14 +57,7 @@ fn check_as<T: Grey>(case: &Case) {
         }
         options
     };
-    let run = |execution| {
-        estimate_shift(
-            prev.view(),
-            next.view(),
-            mask.as_ref().map(|mask| mask.view()),
-            &options(execution),
-        )
-    };
+    let run = |execution| estimate_shift(prev.view(), next.view(), masks, &options(execution));
     let allowed = options(plain()).validate(height, width).is_ok();
     let shift = run(plain());
     assert_eq!(shift.is_ok(), allowed, "{shift:?}");
@@ -62,14 +67,9 @@ fn check_as<T: Grey>(case: &Case) {
         assert_eq!(bits(&run(execution).unwrap()), bits(&shift));
     }
     let (rows_prev, rows_next) = (prev.rows(), next.rows());
-    let rows = estimate_shift(
-        rows_prev.view(),
-        rows_next.view(),
-        mask.as_ref().map(|mask| mask.view()),
-        &options(plain()),
-    );
+    let rows = estimate_shift(rows_prev.view(), rows_next.view(), masks, &options(plain()));
     assert_eq!(bits(&rows.unwrap()), bits(&shift));
-    if case.frames.still() && shift.is_valid() {
+    if case.frames.still() && shift.is_valid() && case.masks.iter().all(Option::is_none) {
         assert_eq!((shift.dx, shift.dy), (0.0, 0.0));
     }
     if let Some(limit) = case.max_displacement
@@ -114,6 +114,15 @@ fn meaning(shift: &Shift) {
         );
         assert!(
             xy == yx && xx >= 0.0 && yy >= 0.0 && xx * yy >= xy * xy * (1.0 - 1e-9),
+            "{shift:?}"
+        );
+    } else if shift.status == ShiftStatus::Aperture && shift.direction[0].is_finite() {
+        // One direction was measured: nothing is known along the other.
+        assert!(numbers.iter().all(|value| value.is_finite()), "{shift:?}");
+        assert!(xx == f64::INFINITY || yy == f64::INFINITY, "{shift:?}");
+        assert!(shift.direction_variance >= 0.0, "{shift:?}");
+        assert!(
+            (shift.direction[0].hypot(shift.direction[1]) - 1.0).abs() < 1e-9,
             "{shift:?}"
         );
     } else {

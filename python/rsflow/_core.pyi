@@ -72,9 +72,15 @@ def estimate_shift(
     next: Any,
     roi: tuple[int, int, int, int] | None,
     mask: Any | None,
+    next_mask: Any | None,
     illumination: str,
+    deformation: str,
     max_displacement: float | None,
-) -> tuple[float, float, NDArray[np.float64], float, float, float, int]: ...
+) -> tuple[
+    tuple[float, float, NDArray[np.float64], float, float, float, int],
+    tuple[tuple[float, float], float],
+    tuple[NDArray[np.float64], NDArray[np.float64]],
+]: ...
 
 _FlowParts = tuple[
     NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], int

@@ -39,7 +39,8 @@ class ShiftStatus(IntEnum):
     NO_TEXTURE = 3
     """The window shows no structure that stands out of the noise."""
     APERTURE = 4
-    """The window shows structure in one direction only: motion along it cannot be seen."""
+    """The window shows structure in one direction only: motion along it cannot be seen. The displacement across it is
+    given, with infinite variance along it, unless the structure repeats: see `Shift.direction`."""
     NO_MATCH = 5
     """Nothing in the other frame looks like the window: a scene cut, or motion beyond `max_displacement`."""
     NOT_CONVERGED = 6
@@ -72,15 +73,28 @@ class Shift:
     Attributes
     ----------
     dx, dy : float
-        Displacement in pixels, x to the right and y down; NaN where not valid.
+        Displacement in pixels, x to the right and y down; NaN where not measured. Where the window deforms it is that
+        of the centre of the window in `prev`.
     covariance : ndarray of float64, shape (2, 2)
-        Covariance of (dx, dy) in square pixels; infinite where not valid.
+        Covariance of (dx, dy) in square pixels; infinite where not measured.
     gain, offset : float
         ``next = gain * prev + offset`` on average over the window, offset in grey levels; NaN where not valid.
     residual : float
         Root mean square of ``next - prev`` after motion and light, in grey levels; NaN where not valid.
     status : ShiftStatus
         Whether the displacement could be measured, and if not, why.
+    direction : ndarray of float64, shape (2,)
+        Of a window with structure in one direction only (`ShiftStatus.APERTURE`) whose displacement across the
+        structure was measured: the unit vector (x, y) across it. `dx` and `dy` are then the displacement along this
+        vector, the smallest that explains the frames, and `covariance` is infinite along the structure. NaN otherwise.
+    direction_variance : float
+        Variance of the displacement along `direction`, in square pixels; infinite without one.
+    gradient : ndarray of float64, shape (2, 2)
+        ``[[du/dx, du/dy], [dv/dx, dv/dy]]`` with ``deformation="affine"``: what was (x, y) from the centre of the
+        window in `prev` moved by ``(dx, dy) + gradient @ (x, y)``. Zero without it; NaN where not measured.
+    joint_covariance : ndarray of float64, shape (6, 6)
+        Covariance of (dx, dy, du/dx, du/dy, dv/dx, dv/dy), in pixels and pixels per pixel; zero for the gradient
+        without ``deformation="affine"``; infinite where not measured.
 
     Examples
     --------
@@ -98,6 +112,15 @@ class Shift:
     offset: float
     residual: float
     status: ShiftStatus
+    direction: npt.NDArray[np.float64]
+    direction_variance: float
+    gradient: npt.NDArray[np.float64]
+    joint_covariance: npt.NDArray[np.float64]
+
+    @property
+    def gradient_covariance(self) -> npt.NDArray[np.float64]:
+        """Covariance of (du/dx, du/dy, dv/dx, dv/dy), shape (4, 4)."""
+        return self.joint_covariance[2:, 2:]
 
     @property
     def valid(self) -> bool:
@@ -114,7 +137,9 @@ def estimate_shift(
     *,
     roi: Sequence[int] | None = None,
     mask: npt.NDArray[np.bool_] | None = None,
+    next_mask: npt.NDArray[np.bool_] | None = None,
     illumination: knobs.Illumination = "gain_offset",
+    deformation: knobs.ShiftDeformation = "none",
     max_displacement: float | None = None,
 ) -> Shift:
     """Measure how far a window, or the whole frame, moved from `prev` to `next`.
@@ -126,11 +151,15 @@ def estimate_shift(
     roi : (x, y, width, height), optional
         The window in `prev`, in pixels; the whole frame by default. It says which content is followed: `next` is read
         outside of it as far as the motion goes, so that the shared part does not shrink.
-    mask : ndarray of bool, shape (height, width), optional
-        True where `prev` may be used.
+    mask, next_mask : ndarray of bool, shape (height, width), optional
+        True where a pixel of `prev`, and of `next`, may be used. A pixel is used where it and its target count; an
+        overlay that is fixed to the sensor is given as both.
     illumination : {"gain_offset", "offset", "none"}
         How light may change: ``next = gain * prev + offset``, ``next = prev + offset`` or not at all. Both may vary
         slowly over the window.
+    deformation : {"none", "affine"}
+        How the window may deform: not at all, or by a displacement that varies linearly over it, as in a turn, a zoom
+        or a shear; `Shift.gradient` then says how.
     max_displacement : float, optional
         The longest displacement to look for, a length in pixels; by default half the window along each axis. A pattern
         that repeats within this reach is `ShiftStatus.AMBIGUOUS`: below half a period it is measured.
@@ -176,14 +205,40 @@ def estimate_shift(
     """
     window = None if roi is None else _checks.region("roi", roi)
     light = knobs.illumination(illumination)
+    shape = knobs.shift_deformation(deformation)
     reach = knobs.max_displacement(max_displacement)
     before, after = _checks.pair(prev, next)
     where = _checks.mask_or_none("mask", mask, before.shape)
-    dx, dy, covariance, gain, offset, residual, status = _core.estimate_shift(
-        before, after, window, where, light, reach
+    where_next = _checks.mask_or_none("next_mask", next_mask, before.shape)
+    found, (direction, direction_variance), (gradient, joint_covariance) = _core.estimate_shift(
+        before, after, window, where, where_next, light, shape, reach
     )
+    dx, dy, covariance, gain, offset, residual, status = found
     # lk-core looks as far along each axis, and gives what is found a pixel more, as here.
     if reach is not None and math.hypot(dx, dy) > reach + 1:
-        nowhere = np.diag([math.inf, math.inf])
-        return Shift(math.nan, math.nan, nowhere, math.nan, math.nan, math.nan, ShiftStatus.NO_MATCH)
-    return Shift(dx, dy, covariance, gain, offset, residual, _STATUS[status])
+        return Shift(
+            dx=math.nan,
+            dy=math.nan,
+            covariance=np.diag([math.inf] * 2),
+            gain=math.nan,
+            offset=math.nan,
+            residual=math.nan,
+            status=ShiftStatus.NO_MATCH,
+            direction=np.full(2, math.nan),
+            direction_variance=math.inf,
+            gradient=np.full((2, 2), math.nan),
+            joint_covariance=np.diag([math.inf] * 6),
+        )
+    return Shift(
+        dx=dx,
+        dy=dy,
+        covariance=covariance,
+        gain=gain,
+        offset=offset,
+        residual=residual,
+        status=_STATUS[status],
+        direction=np.array(direction),
+        direction_variance=direction_variance,
+        gradient=gradient,
+        joint_covariance=joint_covariance,
+    )

@@ -48,7 +48,7 @@ fn shifts(criterion: &mut Criterion) {
     let options = ShiftOptions::default().execution(Execution::default().threads(1));
     for (width, height) in [(60, 60), (640, 480)] {
         let (prev, next) = pair(width, height);
-        let run = || estimate_shift(prev.view(), next.view(), None, &options).unwrap();
+        let run = || estimate_shift(prev.view(), next.view(), Masks::default(), &options).unwrap();
         assert!((run().dx - SHIFT.0).abs() < 0.05);
         criterion.bench_function(&format!("shift {width}x{height}"), |timer| {
             timer.iter(|| black_box(run()));

@@ -24,7 +24,7 @@ fn measure(prev: &Array2<u8>, next: &Array2<u8>) -> Result<(), Box<dyn Error>> {
     let mut out = std::io::stdout().lock();
     use std::io::Write;
 
-    let shift = estimate_shift(prev, next, None, &ShiftOptions::default())?;
+    let shift = estimate_shift(prev, next, Masks::default(), &ShiftOptions::default())?;
     let (dx, dy, status) = (shift.dx, shift.dy, shift.status);
     writeln!(
         out,

@@ -16,6 +16,9 @@ mod sealed {
 
 /// A grey level: `u8`, `u16` or `f32`, never rescaled.
 pub trait Pixel: Copy + PartialOrd + Send + Sync + sealed::Sealed + 'static {
+    /// Variance of what rounding to this type adds, in square grey levels; 0 for floating point.
+    const ROUNDING: f64;
+
     /// The grey level as `f32`; exact for every supported type.
     fn to_f32(self) -> f32;
 
@@ -25,6 +28,7 @@ pub trait Pixel: Copy + PartialOrd + Send + Sync + sealed::Sealed + 'static {
 }
 
 impl Pixel for u8 {
+    const ROUNDING: f64 = 1.0 / 12.0;
     const DEPTH: Option<u32> = Some(8);
 
     #[inline(always)]
@@ -34,6 +38,7 @@ impl Pixel for u8 {
 }
 
 impl Pixel for u16 {
+    const ROUNDING: f64 = 1.0 / 12.0;
     const DEPTH: Option<u32> = Some(16);
 
     #[inline(always)]
@@ -43,6 +48,7 @@ impl Pixel for u16 {
 }
 
 impl Pixel for f32 {
+    const ROUNDING: f64 = 0.0;
     const DEPTH: Option<u32> = None;
 
     #[inline(always)]

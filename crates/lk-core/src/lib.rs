@@ -42,7 +42,7 @@ pub use illumination::Illumination;
 pub use parallel::{MAX_THREADS, num_threads, set_num_threads};
 pub use pyramid::Pyramid;
 pub use sample::{Spline, bilinear};
-pub use shift::{Roi, Shift, ShiftOptions, ShiftStatus, estimate_shift};
+pub use shift::{Roi, Shift, ShiftDeformation, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::Level;
 pub use support::Masks;
 pub use track::{

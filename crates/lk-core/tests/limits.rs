@@ -59,7 +59,7 @@ fn frames_that_take_no_memory_are_too_large_all_the_same() {
     assert!(is_shape(estimate_shift(
         huge,
         huge,
-        None,
+        Masks::default(),
         &ShiftOptions::default()
     )));
     let points = [[5.0, 5.0]];

@@ -1,7 +1,10 @@
 //! `estimate_shift` against a plain reference in f64, and its symmetries.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use lk_core::{Execution, Illumination, Level, Shift, ShiftOptions, ShiftStatus, estimate_shift};
+use lk_core::{
+    Execution, Illumination, Level, Masks, Shift, ShiftDeformation, ShiftOptions, ShiftStatus,
+    estimate_shift,
+};
 use ndarray::{Array2, s};
 use proptest::prelude::*;
 
@@ -53,7 +56,13 @@ fn pair(
 }
 
 fn estimate(prev: &Array2<f32>, next: &Array2<f32>) -> Shift {
-    estimate_shift(prev.view(), next.view(), None, &ShiftOptions::default()).unwrap()
+    estimate_shift(
+        prev.view(),
+        next.view(),
+        Masks::default(),
+        &ShiftOptions::default(),
+    )
+    .unwrap()
 }
 
 /// A windowed sinc of radius 6: the slow and obvious way to look between pixels.
@@ -139,6 +148,18 @@ fn agrees_with_the_reference() {
     }
 }
 
+/// A mask that leaves out a disc somewhere, of up to a quarter of the frame.
+fn blob((height, width): (usize, usize), seed: u32) -> Array2<bool> {
+    let (x, y) = (
+        f64::from(seed % 97) / 97.0 * width as f64,
+        f64::from(seed % 89) / 89.0 * height as f64,
+    );
+    let radius = 0.1 + 0.15 * f64::from(seed % 7) / 7.0;
+    Array2::from_shape_fn((height, width), |(row, column)| {
+        (column as f64 - x).hypot(row as f64 - y) > radius * width.min(height) as f64
+    })
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 40, ..ProptestConfig::default() })]
 
@@ -169,7 +190,7 @@ proptest! {
             let apart = (there.dx + back.dx).hypot(there.dy + back.dy);
             prop_assert!(apart < 1e-4, "{:?} {:?}", there, back);
         }
-        let turned = estimate_shift(prev.t(), next.t(), None, &ShiftOptions::default()).unwrap();
+        let turned = estimate_shift(prev.t(), next.t(), Masks::default(), &ShiftOptions::default()).unwrap();
         if there.is_valid() && turned.is_valid() {
             let apart = (turned.dx - there.dy).hypot(turned.dy - there.dx);
             prop_assert!(apart < 2e-3, "{:?} {:?}", there, turned);
@@ -185,7 +206,9 @@ proptest! {
         if found.is_valid() {
             prop_assert_eq!((found.dx, found.dy), (0.0, 0.0));
         } else {
-            prop_assert!(found.dx.is_nan() && found.covariance[0][0].is_infinite());
+            // An edge in a small window gives the displacement across it.
+            let across = found.status == ShiftStatus::Aperture && found.direction_variance.is_finite();
+            prop_assert!(across || (found.dx.is_nan() && found.covariance[0][0].is_infinite()));
             prop_assert!(width < 32 || height < 32, "{:?} {} x {}", found, width, height);
         }
     }
@@ -193,12 +216,20 @@ proptest! {
     #[test]
     fn threads_and_levels_do_not_change_a_bit(
         seed in 0u32..10_000, width in 20usize..200, height in 20usize..200,
-        d in (-6.0f64..6.0, -6.0f64..6.0)
+        d in (-6.0f64..6.0, -6.0f64..6.0), masked in any::<bool>(), deforms in any::<bool>()
     ) {
-        let (prev, next) = pair(seed, (height, width), d, 0.9, 3.0);
+        let (mut prev, next) = pair(seed, (height, width), d, 0.9, 3.0);
+        let keep = blob((height, width), seed);
+        let masks = if masked {
+            prev[(height / 2, width / 3)] = f32::NAN;
+            Masks::default().prev(keep.view()).next(keep.view())
+        } else {
+            Masks::default()
+        };
+        let deformation = if deforms { ShiftDeformation::Affine } else { ShiftDeformation::None };
         let run = |execution: Execution| {
-            let options = ShiftOptions::default().execution(execution);
-            format!("{:?}", estimate_shift(prev.view(), next.view(), None, &options).unwrap())
+            let options = ShiftOptions::default().deformation(deformation).execution(execution);
+            format!("{:?}", estimate_shift(prev.view(), next.view(), masks, &options).unwrap())
         };
         let want = run(Execution::default().threads(1).level(Level::Baseline));
         for level in Level::available() {
@@ -221,7 +252,7 @@ proptest! {
         let (mut a, b) = pair(seed + 1, other, (1.3, -0.4), 1.2, 0.0);
         a[(other.0 / 2, other.1 / 2)] = f32::NAN;
         let mask = Array2::from_shape_fn(other, |(y, x)| (y + 2 * x) % 11 != 0);
-        estimate_shift(a.view(), b.view(), Some(mask.view()), &ShiftOptions::default()).unwrap();
+        estimate_shift(a.view(), b.view(), Masks::default().prev(mask.view()), &ShiftOptions::default()).unwrap();
         prop_assert_eq!(format!("{:?}", estimate(&prev, &next)), fresh);
     }
 
@@ -231,9 +262,9 @@ proptest! {
         let slice = s![5..85;2, 10..90;-2];
         let (a, b) = (prev.slice(slice), next.slice(slice));
         let options = ShiftOptions::default();
-        let strided = estimate_shift(a, b, None, &options).unwrap();
+        let strided = estimate_shift(a, b, Masks::default(), &options).unwrap();
         let (a, b) = (a.to_owned(), b.to_owned());
-        let packed = estimate_shift(a.view(), b.view(), None, &options).unwrap();
+        let packed = estimate_shift(a.view(), b.view(), Masks::default(), &options).unwrap();
         prop_assert_eq!(format!("{strided:?}"), format!("{packed:?}"));
     }
 }
@@ -242,7 +273,9 @@ proptest! {
 fn frames_without_an_answer_get_a_status() {
     let flat = Array2::from_elem((60, 60), 80.0f32);
     assert_eq!(estimate(&flat, &flat).status, ShiftStatus::NoTexture);
+    // Stripes that repeat: not even across them.
     let stripes = Array2::from_shape_fn((60, 60), |(_, x)| 100.0 + 30.0 * (0.7 * x as f32).sin());
+    assert!(estimate(&stripes, &stripes).dx.is_nan());
     assert_eq!(estimate(&stripes, &stripes).status, ShiftStatus::Aperture);
     let (one, _) = pair(5, (60, 60), (0.0, 0.0), 1.0, 0.0);
     let (other, _) = pair(77, (60, 60), (0.0, 0.0), 1.0, 0.0);
@@ -262,7 +295,7 @@ fn a_pattern_that_repeats_is_ambiguous_unless_the_motion_is_short() {
     });
     assert_eq!(estimate(&prev, &next).status, ShiftStatus::Ambiguous);
     let options = ShiftOptions::default().max_displacement(5.0);
-    let found = estimate_shift(prev.view(), next.view(), None, &options).unwrap();
+    let found = estimate_shift(prev.view(), next.view(), Masks::default(), &options).unwrap();
     assert!((found.dx - 2.25).hypot(found.dy + 1.5) < 0.01, "{found:?}");
 }
 
@@ -270,7 +303,158 @@ fn a_pattern_that_repeats_is_ambiguous_unless_the_motion_is_short() {
 fn light_that_is_not_modelled_is_not_invented() {
     let (prev, next) = pair(9, (60, 60), (1.5, -0.7), 1.0, 20.0);
     let options = ShiftOptions::default().illumination(Illumination::Offset);
-    let found = estimate_shift(prev.view(), next.view(), None, &options).unwrap();
+    let found = estimate_shift(prev.view(), next.view(), Masks::default(), &options).unwrap();
     assert!((found.gain - 1.0).abs() < f64::EPSILON);
     assert!((found.offset - 20.0).abs() < 0.1);
+}
+
+/// A disc, anti-aliased, on plain ground, in whole grey levels.
+fn disc(size: (usize, usize), radius: f64, at: (f64, f64)) -> Array2<u8> {
+    Array2::from_shape_fn(size, |(y, x)| {
+        let edge = radius - (x as f64 - at.0).hypot(y as f64 - at.1) + 0.5;
+        (10.0 + 230.0 * edge.clamp(0.0, 1.0)).round() as u8
+    })
+}
+
+#[test]
+fn a_flat_disc_is_measured_in_any_light() {
+    for illumination in [
+        Illumination::None,
+        Illumination::Offset,
+        Illumination::GainOffset,
+    ] {
+        let options = ShiftOptions::default().illumination(illumination);
+        for (size, radius) in [((48, 48), 12.0), ((120, 160), 20.0), ((120, 160), 40.0)] {
+            for d in [
+                (1.0, 1.0),
+                (-2.0, 1.0),
+                (3.0, -2.0),
+                (0.0, 2.0),
+                (0.25, -0.75),
+            ] {
+                let (x, y) = (size.1 as f64 / 2.0 + 3.4, size.0 as f64 / 2.0 - 2.2);
+                let prev = disc(size, radius, (x, y));
+                let next = disc(size, radius, (x + d.0, y + d.1));
+                let found =
+                    estimate_shift(prev.view(), next.view(), Masks::default(), &options).unwrap();
+                assert_eq!(
+                    found.status,
+                    ShiftStatus::Valid,
+                    "{illumination} {size:?} {d:?}"
+                );
+                let error = (found.dx - d.0).hypot(found.dy - d.1);
+                assert!(
+                    error < 0.05,
+                    "{illumination} {size:?} {radius} {d:?} {found:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn an_edge_gives_the_displacement_across_it() {
+    for degrees in [0.0f64, 30.0, 90.0, 135.0] {
+        let (nx, ny) = (degrees.to_radians().cos(), degrees.to_radians().sin());
+        let edge = |across: f64| {
+            Array2::from_shape_fn((64, 72), |(y, x)| {
+                let t = nx * (x as f64 - 36.0) + ny * (y as f64 - 32.0) - across;
+                (120.0 + 70.0 * (t / 2.5).tanh()) as f32
+            })
+        };
+        let found = estimate(&edge(0.0), &edge(1.7));
+        assert_eq!(found.status, ShiftStatus::Aperture, "{degrees} {found:?}");
+        let [x, y] = found.direction;
+        assert!((x * nx + y * ny).abs() > 0.9999, "{degrees} {found:?}");
+        let across = found.dx * nx + found.dy * ny;
+        assert!((across - 1.7).abs() < 0.05, "{degrees} {found:?}");
+        assert!(found.direction_variance < 0.01, "{degrees} {found:?}");
+        let [[xx, _], [_, yy]] = found.covariance;
+        assert!(xx.is_infinite() || yy.is_infinite(), "{degrees} {found:?}");
+        if degrees == 0.0 {
+            assert!(xx < 0.01 && yy.is_infinite(), "{found:?}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_window_that_deforms_gives_its_centre_and_its_gradient(
+        seed in 0u32..10_000, size in 40usize..70, d in (-3.0f64..3.0, -3.0f64..3.0),
+        gradient in prop::array::uniform4(-0.04f64..0.04), gain in 0.7f64..1.4
+    ) {
+        let scene = scene(seed);
+        let middle = (size as f64 - 1.0) / 2.0;
+        let [a, b, c, e] = gradient;
+        // next(x + d + G (x - c)) = prev(x): look back from each pixel of next.
+        let (aa, ee) = (1.0 + a, 1.0 + e);
+        let determinant = aa * ee - b * c;
+        let prev = Array2::from_shape_fn((size, size), |(y, x)| scene(x as f64, y as f64) as f32);
+        let next = Array2::from_shape_fn((size, size), |(y, x)| {
+            let (u, v) = (x as f64 - middle - d.0, y as f64 - middle - d.1);
+            let x = (ee * u - b * v) / determinant + middle;
+            let y = (aa * v - c * u) / determinant + middle;
+            (gain * scene(x, y) + 5.0) as f32
+        });
+        let options = ShiftOptions::default().deformation(ShiftDeformation::Affine).max_displacement(8.0);
+        let found = estimate_shift(prev.view(), next.view(), Masks::default(), &options).unwrap();
+        prop_assert_eq!(found.status, ShiftStatus::Valid, "{:?}", found);
+        prop_assert!((found.dx - d.0).hypot(found.dy - d.1) < 0.02, "{:?} {:?}", found, d);
+        for (got, want) in found.gradient.iter().flatten().zip(gradient) {
+            prop_assert!((got - want).abs() < 2e-3, "{:?} {:?}", found, gradient);
+        }
+        prop_assert!((found.gain - gain).abs() < 0.03 * gain, "{:?} {}", found, gain);
+    }
+
+    #[test]
+    fn what_is_masked_in_either_frame_says_nothing(
+        seed in 0u32..10_000, width in 50usize..90, height in 50usize..90,
+        d in (-4.0f64..4.0, -4.0f64..4.0), fixed in any::<bool>(), grey in 0.0f32..255.0
+    ) {
+        let (mut prev, mut next) = pair(seed, (height, width), d, 1.1, 5.0);
+        let keep = blob((height, width), seed);
+        let other = blob((height, width), seed.wrapping_mul(31) + 7);
+        let (of_prev, of_next) = if fixed { (&keep, &keep) } else { (&keep, &other) };
+        let run = |prev: &Array2<f32>, next: &Array2<f32>| {
+            let masks = Masks::default().prev(of_prev.view()).next(of_next.view());
+            estimate_shift(prev.view(), next.view(), masks, &ShiftOptions::default()).unwrap()
+        };
+        let clean = run(&prev, &next);
+        for (frame, mask) in [(&mut prev, of_prev), (&mut next, of_next)] {
+            for (value, counts) in frame.iter_mut().zip(mask) {
+                if !counts {
+                    *value = if seed % 2 == 0 { f32::NAN } else { grey };
+                }
+            }
+        }
+        let found = run(&prev, &next);
+        prop_assert_eq!(found.status, ShiftStatus::Valid, "{:?}", found);
+        prop_assert!((found.dx - d.0).hypot(found.dy - d.1) < 0.02, "{:?} {:?}", found, d);
+        let apart = (found.dx - clean.dx).hypot(found.dy - clean.dy);
+        prop_assert!(apart < 1e-3, "{:?} {:?}", found, clean);
+    }
+}
+
+#[test]
+fn too_little_support_is_told() {
+    let (prev, next) = pair(3, (60, 60), (1.0, 2.0), 1.0, 0.0);
+    let left = Array2::from_shape_fn((60, 60), |(_, x)| x < 30);
+    let right = left.mapv(|counts| !counts);
+    let run = |masks: Masks<'_>| {
+        estimate_shift(prev.view(), next.view(), masks, &ShiftOptions::default())
+            .unwrap()
+            .status
+    };
+    let none = Array2::from_elem((60, 60), false);
+    assert_eq!(
+        run(Masks::default().prev(none.view())),
+        ShiftStatus::TooSmall
+    );
+    let apart = run(Masks::default().prev(left.view()).next(right.view()));
+    assert!(matches!(
+        apart,
+        ShiftStatus::TooLittleOverlap | ShiftStatus::NoMatch | ShiftStatus::TooSmall
+    ));
 }

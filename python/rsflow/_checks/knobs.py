@@ -11,6 +11,8 @@ from .options import FLOAT32_MAX, choice, integer, integers, number, number_or_n
 
 Illumination = Literal["none", "offset", "gain_offset"]
 Deformation = Literal["auto", "none", "affine"]
+Deformation = Literal["auto", "none", "affine"]
+ShiftDeformation = Literal["none", "affine"]
 Preset = Literal["ultrafast", "fast", "balanced", "accurate"]
 
 
@@ -23,6 +25,12 @@ def illumination(value: object) -> Illumination:
 def deformation(value: object) -> Deformation:
     """Take whether windows may turn, grow and shear."""
     word: Deformation = choice("deformation", value, get_args(Deformation))
+    return word
+
+
+def shift_deformation(value: object) -> ShiftDeformation:
+    """Take how the one window of a shift may deform."""
+    word: ShiftDeformation = choice("deformation", value, get_args(ShiftDeformation))
     return word
 
 

@@ -31,11 +31,12 @@ def motion_row(frame: Any, dt_s: float, shift: Any, flow: Any, segmentation: Any
         row |= {"status": "first_frame"} | _no_shift()
     else:
         row |= {
-            "dx_px": float(shift.dx),
-            "dy_px": float(shift.dy),
+            # Across a structure of one direction alone is no displacement of the camera.
+            "dx_px": float(shift.dx) if shift.valid else math.nan,
+            "dy_px": float(shift.dy) if shift.valid else math.nan,
             "dx_std_px": _std(float(shift.covariance[0, 0])),
             "dy_std_px": _std(float(shift.covariance[1, 1])),
-            "dxdy_cov_px2": float(shift.covariance[0, 1]),
+            "dxdy_cov_px2": float(shift.covariance[0, 1]) if shift.valid else 0.0,
             "gain": float(shift.gain),
             "offset": float(shift.offset),
             "status": status_word(shift.status),

@@ -2,8 +2,8 @@
 
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
+use super::coordinates::WindowAxis;
 use super::gram::{Block, F_MEAN, F_ONE, Gram};
-use super::place::Place;
 use super::sums::Tiling;
 use crate::error::Result;
 use crate::memory::reserve;
@@ -29,7 +29,7 @@ pub(super) struct Sample {
 pub(super) fn gain_field(
     grams: &[(Gram, Option<Block>)],
     tiling: &Tiling,
-    place: [Place; 2],
+    place: [WindowAxis; 2],
     known: [f64; REGRESSORS],
     samples: &mut Vec<Sample>,
 ) -> Result<[f64; REGRESSORS]> {

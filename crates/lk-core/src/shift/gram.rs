@@ -147,3 +147,70 @@ impl Gram {
         })
     }
 }
+
+/// The gradients and the difference of some pixels as combinations of the features of the light.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Projection {
+    /// For the gradient along x, along y, and the difference: coefficients of one, x, y and mean.
+    coefficients: [[f64; LIGHT_FEATURES]; 3],
+}
+
+/// One, x, y and the mean.
+const LIGHT_FEATURES: usize = 4;
+
+impl Gram {
+    /// How the light's features explain gradients and difference.
+    pub(super) fn projection(&self, light: Light) -> Projection {
+        let mut left = *self;
+        let mut used = [false; LIGHT_FEATURES];
+        for (pivot, used) in used.iter_mut().enumerate() {
+            let asked = if pivot == F_MEAN {
+                light.gain
+            } else {
+                light.offset
+            };
+            *used = asked && left.eliminate(pivot, self.0[pivot][pivot]);
+        }
+        let mut coefficients = [[0.0; LIGHT_FEATURES]; 3];
+        for (feature, row) in [F_GX, F_GY, F_DIFFERENCE]
+            .into_iter()
+            .zip(&mut coefficients)
+        {
+            for pivot in (0..LIGHT_FEATURES).rev().filter(|pivot| used[*pivot]) {
+                let known: f64 = (pivot + 1..LIGHT_FEATURES)
+                    .map(|other| left.0[pivot][other] * row[other])
+                    .sum();
+                row[pivot] = (left.0[pivot][feature] - known) / left.0[pivot][pivot];
+            }
+        }
+        Projection { coefficients }
+    }
+
+    /// Sums of products of what a projection leaves of the gradients and of the difference: each of both gradients with
+    /// both gradients, and with the difference.
+    pub(super) fn left_over(&self, projection: &Projection) -> ([[f64; 2]; 2], [f64; 2]) {
+        const FEATURE: [usize; 3] = [F_GX, F_GY, F_DIFFERENCE];
+        let of = |i: usize, j: usize| {
+            let (a, b) = (&projection.coefficients[i], &projection.coefficients[j]);
+            let mut sum = self.of(FEATURE[i], FEATURE[j]);
+            for k in 0..LIGHT_FEATURES {
+                sum -= a[k] * self.of(k, FEATURE[j]) + b[k] * self.of(FEATURE[i], k);
+                for l in 0..LIGHT_FEATURES {
+                    sum += a[k] * b[l] * self.of(k, l);
+                }
+            }
+            sum
+        };
+        let cross = of(0, 1);
+        ([[of(0, 0), cross], [cross, of(1, 1)]], [of(0, 2), of(1, 2)])
+    }
+}
+
+/// The weight of a block by its residual variance. One that fits better than typical counts for at most twice as much:
+/// a flat one fits well and tells nothing. One that fits far worse shows the border of a shadow or a motion of its own
+/// and counts for less than its variance says.
+pub(super) fn weight_of(variance: f64, typical: f64) -> f64 {
+    let floored = variance.max(0.5 * typical).max(1e-12);
+    let outlying = (4.0 * typical.max(1e-12) / floored).min(1.0);
+    outlying / floored
+}

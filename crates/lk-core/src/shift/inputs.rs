@@ -5,17 +5,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use ndarray::ArrayView2;
 
 use super::Roi;
-use super::place::Pair;
-use super::unit::Unit;
+use super::coordinates::Pair;
+use super::normalization::Normalization;
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, pixels_of, read_row};
 use crate::parallel::for_each_band;
 use crate::pyramid::Pyramid;
 use crate::simd::{Kernel, dispatch};
+use crate::support::Masks;
 
 /// Pixels on each side that a filter reads: the taps at every level, and the pyramid from level to level.
 const FILTER_RADIUS: usize = 2;
+/// The least share of the pixels below one of a coarser level that must count.
+const LEAST_SHARE: f32 = 0.75;
 /// Pixels around the window that the filters read.
 const MARGIN: usize = 4;
 /// How often to halve the frames for the start: until the longer side is at most 160, and the shorter at least 16.
@@ -40,7 +43,7 @@ pub(super) struct Inputs {
     next_weights: Vec<Option<Plane>>,
     origin: [isize; 2],
     window: [(usize, usize); 2],
-    pub(super) unit: Unit,
+    pub(super) normalization: Normalization,
     pub(super) usable: f64,
     pub(super) levels: usize,
     /// Pixels along a side of a tile at the finest level.
@@ -53,7 +56,7 @@ impl Inputs {
         &mut self,
         prev: Frame<'_, T>,
         next: Frame<'_, T>,
-        mask: Option<ArrayView2<'_, bool>>,
+        masks: Masks<'_>,
         roi: Roi,
         limit: [f64; 2],
         execution: &Execution,
@@ -77,34 +80,30 @@ impl Inputs {
                 (start[axis] + length[axis] + reach).min(size[axis]),
             );
         }
-        let [prev, next] = [(prev, prev_range), (next, next_range)].map(|(frame, range)| {
-            let [columns, rows] = range.map(|(low, high)| low..high);
-            frame.slice_move(ndarray::s![rows, columns])
-        });
+        let [prev, next] =
+            [(prev, prev_range), (next, next_range)].map(|(frame, range)| part(frame, range));
         for (what, frame) in [("prev", prev), ("next", next)] {
             pixels_of(what, frame.dim())?;
         }
-        self.unit = Unit::new([prev, next]);
-        let mut prev_weight = read(prev, self.unit, &mut self.prev, levels, execution)?;
-        let next_weight = read(next, self.unit, &mut self.next, levels, execution)?;
-        if let Some(mask) = mask {
-            let (height, width) = prev.dim();
-            let weight = match &mut prev_weight {
-                Some(weight) => weight,
-                none => {
-                    let weight = none.insert(Plane::new(width, height)?);
-                    weight.data_mut().fill(1.0);
-                    weight
-                }
-            };
-            for y in 0..height {
-                for (x, value) in weight.row_mut(y).iter_mut().enumerate() {
-                    if !mask[(prev_range[1].0 + y, prev_range[0].0 + x)] {
-                        *value = 0.0;
-                    }
-                }
-            }
-        }
+        let [mask, next_mask] = [(masks.of_prev(), prev_range), (masks.of_next(), next_range)]
+            .map(|(mask, range)| mask.map(|mask| part(mask, range)));
+        self.normalization = Normalization::new([(prev, mask), (next, next_mask)]);
+        let prev_weight = read(
+            prev,
+            mask,
+            self.normalization,
+            &mut self.prev,
+            levels,
+            execution,
+        )?;
+        let next_weight = read(
+            next,
+            next_mask,
+            self.normalization,
+            &mut self.next,
+            levels,
+            execution,
+        )?;
         self.window = std::array::from_fn(|axis| {
             let low = start[axis] - prev_range[axis].0;
             (low, low + length[axis])
@@ -127,6 +126,17 @@ impl Inputs {
             24
         };
         Ok(())
+    }
+
+    /// The centre of the window, in pixels of the plane of `prev`.
+    pub(super) fn center(&self) -> [f64; 2] {
+        self.window.map(|(low, high)| (low + high - 1) as f64 / 2.0)
+    }
+
+    /// Half the longer side of the window, in pixels.
+    pub(super) fn half_side(&self) -> f64 {
+        let longer = self.window.map(|(low, high)| high - low).into_iter().max();
+        longer.unwrap_or(1) as f64 / 2.0
     }
 
     /// Pixels of both frames that are held.
@@ -152,16 +162,23 @@ impl Inputs {
     }
 }
 
-/// Read `frame` into the levels of `pyramid`; a weight where some pixels are not finite.
+/// The part of an array in a range of columns and one of rows.
+fn part<T>(whole: ArrayView2<'_, T>, range: [(usize, usize); 2]) -> ArrayView2<'_, T> {
+    let [columns, rows] = range.map(|(low, high)| low..high);
+    whole.slice_move(ndarray::s![rows, columns])
+}
+
+/// Read `frame` into the levels of `pyramid`; a weight where some pixels are not finite or masked.
 fn read<T: Pixel>(
     frame: Frame<'_, T>,
-    unit: Unit,
+    mask: Option<ArrayView2<'_, bool>>,
+    normalization: Normalization,
     pyramid: &mut Pyramid,
     levels: usize,
     execution: &Execution,
 ) -> Result<Option<Plane>> {
     let (height, width) = frame.dim();
-    let (mean, scale) = (unit.mean as f32, unit.scale as f32);
+    let (mean, scale) = (normalization.mean as f32, normalization.scale as f32);
     let finite = AtomicBool::new(true);
     pyramid.resize([width, height], levels + 1)?;
     let plane = &mut pyramid.levels_mut()[0];
@@ -187,14 +204,21 @@ fn read<T: Pixel>(
             }
         },
     )?;
+    let mask = mask.filter(|mask| mask.iter().any(|counts| !counts));
     let mut weight = None;
-    if !finite.into_inner() {
+    if !finite.into_inner() || mask.is_some() {
         let weight = weight.insert(Plane::new(width, height)?);
         for (to, value) in weight.data_mut().iter_mut().zip(plane.data()) {
             *to = if value.is_finite() { 1.0 } else { 0.0 };
         }
         for y in 0..height {
-            fill(plane.row_mut(y));
+            let counts = weight.row_mut(y);
+            if let Some(mask) = mask {
+                for (to, counts) in counts.iter_mut().zip(mask.row(y)) {
+                    *to = if *counts { *to } else { 0.0 };
+                }
+            }
+            fill(plane.row_mut(y), counts);
         }
     }
     pyramid.reduce_again(execution)?;
@@ -225,16 +249,13 @@ impl<T: Pixel> Kernel for ReadRow<'_, T> {
     }
 }
 
-/// Put into each pixel that is not finite the last finite one of its row, so that filters meet no edge; zero, the mean,
-/// where the row has none.
-fn fill(row: &mut [f32]) {
-    let mut last = row
-        .iter()
-        .copied()
-        .find(|value| value.is_finite())
-        .unwrap_or(0.0);
-    for value in row {
-        if value.is_finite() {
+/// Put into each pixel that does not count the last one of its row that does, so that filters meet no edge; zero, the
+/// mean, where the row has none.
+fn fill(row: &mut [f32], counts: &[f32]) {
+    let first = counts.iter().position(|counts| *counts > 0.0);
+    let mut last = first.map_or(0.0, |first| row[first]);
+    for (value, counts) in row.iter_mut().zip(counts) {
+        if *counts > 0.0 {
             last = *value;
         } else {
             *value = last;
@@ -242,24 +263,45 @@ fn fill(row: &mut [f32]) {
     }
 }
 
-/// The weights of all levels: a pixel counts where all pixels that the filters read for it do.
+/// The weights of all levels. At the finest a pixel counts where all pixels that the filters read for it do. At a coarser
+/// one it is made of many, and a few that were filled in are no harm: it counts where most of them do.
 fn weight_levels(weight: Option<Plane>, levels: usize) -> Result<Vec<Option<Plane>>> {
-    let Some(mut raw) = weight else {
+    let Some(mut share) = weight else {
         return Ok(vec![None; levels + 1]);
     };
-    let mut result = Vec::with_capacity(levels + 1);
-    for _ in 0..=levels {
-        let wide = eroded(&raw, FILTER_RADIUS)?;
-        let (width, height) = (raw.width().div_ceil(2), raw.height().div_ceil(2));
-        raw.resize(width, height)?;
-        for y in 0..height {
-            for (x, to) in raw.row_mut(y).iter_mut().enumerate() {
-                *to = wide.row(2 * y)[2 * x];
-            }
+    let mut result = vec![Some(eroded(&share, FILTER_RADIUS)?)];
+    for _ in 0..levels {
+        share = halved(&share)?;
+        let mut counts = Plane::new(share.width(), share.height())?;
+        for (to, share) in counts.data_mut().iter_mut().zip(share.data()) {
+            *to = if *share >= LEAST_SHARE { 1.0 } else { 0.0 };
         }
-        result.push(Some(wide));
+        result.push(Some(counts));
     }
     Ok(result)
+}
+
+/// The share that counts of the pixels that the pyramid makes each pixel of the next level from.
+fn halved(share: &Plane) -> Result<Plane> {
+    const TAPS: [f32; 2 * FILTER_RADIUS + 1] = [0.0625, 0.25, 0.375, 0.25, 0.0625];
+    let (width, height) = (share.width(), share.height());
+    let near = |at: usize, k: usize, size: usize| {
+        (at + k)
+            .saturating_sub(FILTER_RADIUS)
+            .min(size.saturating_sub(1))
+    };
+    let mut half = Plane::new(width.div_ceil(2), height.div_ceil(2))?;
+    for y in 0..half.height() {
+        for (x, to) in half.row_mut(y).iter_mut().enumerate() {
+            for (j, down) in TAPS.iter().enumerate() {
+                let row = share.row(near(2 * y, j, height));
+                for (i, across) in TAPS.iter().enumerate() {
+                    *to += down * across * row[near(2 * x, i, width)];
+                }
+            }
+        }
+    }
+    Ok(half)
 }
 
 /// 1 where all pixels within `radius` are 1.

@@ -4,14 +4,23 @@
 
 use std::ops::Range;
 
+use super::coordinates::WindowAxis;
+use super::filters::NoiseGain;
 use super::gain::{Sample, gain_field};
-use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light};
-use super::place::Place;
-use super::scatter::inflation;
+use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light, weight_of};
+use super::matrix::{Matrix, eigenvalues, inverse, quadratic};
+use super::robust_covariance::{Pull, covariance_inflation};
 use super::sums::{Tile, Tiling};
-use super::taps::NoiseGain;
 use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
+
+/// Tiles with a light of their own that keep this share of the information tell the displacement,
+const TELLING_SHARE: f64 = 0.7;
+/// if the information is spread over this share of them.
+const STRUCTURED_SHARE: f64 = 0.33;
+
+/// Pixels for an independent sample, at the least: what the filters make of white noise.
+const PIXELS_PER_SAMPLE: f64 = 9.0;
 
 /// What the tiles together say at one displacement.
 #[derive(Debug, Clone, Copy)]
@@ -24,6 +33,16 @@ pub(super) struct Solution {
     pub(super) excess: f64,
     /// What the gradients tell and noise does not explain, divided by what noise adds: eigenvalues, the smaller first.
     pub(super) information: [f64; 2],
+    /// What the gradients tell and noise does not explain, and the same divided by the square of the noise's part in
+    /// it: the covariance is its sandwich.
+    pub(super) information_matrix: Matrix,
+    meat: Matrix,
+    /// The normal equations, as they are solved for the step.
+    normal: (Matrix, [f64; 2]),
+    /// What smoothness leaves of the noise that the residual shows.
+    pub(super) damping: f64,
+    /// Independent samples among the pixels, from the size of their structures.
+    pub(super) samples: f64,
     /// Correlation of the two frames once light is taken out.
     pub(super) correlation: f64,
     /// Root mean square of what light and motion leave, in grey levels.
@@ -38,11 +57,36 @@ pub(super) struct Solution {
 }
 
 impl Solution {
-    /// Whether the frames agree by more than chance, taking one independent sample in nine pixels: five deviations of
-    /// Fisher's transform, and not less than a correlation of 0.15.
+    /// The correction of the displacement if it may move along one direction only.
+    pub(super) fn step_along(&self, direction: [f64; 2]) -> [f64; 2] {
+        let (a, b) = self.normal;
+        let information = quadratic(a, direction);
+        if information <= 0.0 {
+            return [0.0; 2];
+        }
+        let length = -(b[0] * direction[0] + b[1] * direction[1]) / information;
+        direction.map(|value| value * length)
+    }
+
+    /// The variance of the displacement along one direction, if it cannot move along others.
+    pub(super) fn variance_along(&self, direction: [f64; 2]) -> f64 {
+        let information = quadratic(self.information_matrix, direction);
+        if information <= 0.0 {
+            return f64::INFINITY;
+        }
+        self.excess * quadratic(self.meat, direction) / (information * information)
+    }
+
+    /// Whether the frames agree by more than chance where they were searched, taking one independent sample in
+    /// [`PIXELS_PER_SAMPLE`].
     pub(super) fn matches(&self) -> bool {
-        let chance = 5.0 / (self.count / 9.0 - 3.0).max(1.0).sqrt();
-        self.correlation > chance.tanh().max(0.15)
+        exceeds_chance(self.correlation, 5.0, self.count / PIXELS_PER_SAMPLE)
+    }
+
+    /// The same at a finer level than that of the search, by more deviations: textures may be smoother there, and few
+    /// bright things weigh more than their pixels.
+    pub(super) fn matches_finely(&self) -> bool {
+        exceeds_chance(self.correlation, 8.0, self.samples)
     }
 
     /// Whether the frames show nothing but noise, or nothing at all.
@@ -51,14 +95,33 @@ impl Solution {
     }
 }
 
-/// Sums and blocks, kept from look to look.
+/// Over what part of the window one model of the light holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum LightScope {
+    /// All of it.
+    Window,
+    /// Blocks of tiles, as large as the tiles allow.
+    Tiles,
+    /// The blocks of the last evaluation.
+    HeldTiles,
+}
+
+/// Whether a correlation is above as many deviations of Fisher's transform, and above 0.15.
+pub(super) fn exceeds_chance(correlation: f64, deviations: f64, samples: f64) -> bool {
+    let chance = deviations / (samples - 3.0).max(1.0).sqrt();
+    correlation > chance.tanh().max(0.15)
+}
+
+/// Sums and blocks, kept from evaluation to evaluation.
 #[derive(Debug, Default)]
 pub(super) struct Solver {
     /// The sums of each tile, and the tile with its light eliminated.
     grams: Vec<(Gram, Option<Block>)>,
+    /// Whether the light of each tile was eliminated.
+    reduced: bool,
     /// The blocks that the window is best cut into.
     blocks: Vec<Block>,
-    order: Vec<(f64, f64)>,
+    order: Vec<Ranked>,
     /// Which of the blocks that were tried are one, in the order in which they are tried.
     merged: Vec<bool>,
     /// The gains of the tiles.
@@ -72,8 +135,10 @@ struct Merger<'a> {
     light: Light,
     /// Sum of squares that one more unknown takes out of filtered white noise of unit variance.
     absorbed: f64,
+    /// The least variance of a difference: grey levels are rounded.
+    floor: f64,
     blocks: &'a mut Vec<Block>,
-    /// Of the last look: see `Solver`.
+    /// Of the last evaluation: see `Solver`.
     merged: &'a mut Vec<bool>,
     /// Blocks tried so far.
     tried: usize,
@@ -129,7 +194,7 @@ impl Merger<'_> {
 
     /// Whether one model explains the block as well as a model for each of its parts.
     fn fits(&self, merged: &Block, cut: &[Block]) -> bool {
-        let residual: f64 = cut.iter().map(|block| block.residual).sum();
+        let mut residual: f64 = cut.iter().map(|block| block.residual).sum();
         let degrees: f64 = cut.iter().map(|block| block.degrees).sum();
         let unknowns = merged.degrees - degrees;
         if unknowns <= 0.0 {
@@ -137,12 +202,15 @@ impl Merger<'_> {
         }
         // Noise alone gives each unknown `absorbed` times the variance on average; three deviations above is light.
         let allowed = self.absorbed * (unknowns + 3.0 * (2.0 * unknowns).sqrt());
-        merged.residual - residual <= allowed * residual / degrees
+        let more = merged.residual - residual;
+        residual = residual.max(self.floor * degrees);
+        more <= allowed * residual / degrees
     }
 }
 
 impl Solver {
     /// The weighted combination of all tiles; `None` if no tile has enough pixels.
+    #[allow(clippy::too_many_arguments, reason = "what one evaluation knows")]
     pub(super) fn solve(
         &mut self,
         tiles: &[Tile],
@@ -150,37 +218,34 @@ impl Solver {
         weighted: bool,
         light: Light,
         noise: NoiseGain,
-        hold: bool,
+        floor: f64,
+        scope: LightScope,
     ) -> Result<Option<Solution>> {
         let mut laplacian = 0.0;
+        self.reduced = scope != LightScope::Window;
+        let reduced = self.reduced;
         let grams = tiles.iter().enumerate().map(|(index, tile)| {
             let (gram, energy) = tile.gram(index, tiling, weighted);
             laplacian += energy;
-            (gram, gram.reduce(light))
+            // One light for the window: that of a tile is asked for later, if at all.
+            let block = reduced.then(|| gram.reduce(light));
+            (gram, block.flatten())
         });
         replace("tiles", &mut self.grams, grams)?;
         self.blocks.clear();
         reserve("tiles", &mut self.blocks, tiles.len())?;
-        // A tree has fewer branchings than leaves.
-        let hold = hold && self.merged.len() == tiles.len();
-        resize("tiles", &mut self.merged, tiles.len(), false)?;
-        let mut merger = Merger {
-            grams: &self.grams,
-            tiling,
-            light,
-            absorbed: 1.0 / noise.sampled,
-            blocks: &mut self.blocks,
-            merged: &mut self.merged,
-            tried: 0,
-            hold,
+        let whole = if scope == LightScope::Window {
+            self.one_block(tiling, light)
+        } else {
+            self.merge(tiling, light, noise, floor, scope == LightScope::HeldTiles)?
         };
-        let (whole, _) = merger.merge(0..tiling.across(), 0..tiling.down());
         if self.blocks.is_empty() {
             return Ok(None);
         }
         let blocks = &self.blocks;
         sort_by_variance(blocks, &mut self.order)?;
-        let typical = quantile(&self.order, 0.3);
+        // A flat block fits everywhere and tells nothing.
+        let typical = quantile(&self.order, 0.3, |block| block.information).max(floor);
         let mut a = [[0.0; 2]; 2];
         let mut b = [0.0; 2];
         let mut c = [[0.0; 2]; 2];
@@ -188,17 +253,17 @@ impl Solver {
         let mut noise_part = [0.0; 2];
         let mut overall = [[0.0; 3]; 3];
         // Where the gradients' energy lies in frequency: the smoothing of the frames damps noise there.
-        let gradients = whole.of(F_GX, F_GX) + whole.of(F_GY, F_GY);
-        let variance = quantile(&self.order, 0.5) / noise.sampled / 4.0;
-        let pixels = whole.of(F_ONE, F_ONE);
+        let gradients = whole.0.of(F_GX, F_GX) + whole.0.of(F_GY, F_GY);
+        let variance = quantile(&self.order, 0.5, |block| block.count) / noise.sampled / 4.0;
+        let pixels = whole.0.of(F_ONE, F_ONE);
         let clean = |sum: f64, gain: f64| (sum - pixels * variance * gain).max(0.05 * sum);
         let curvature = clean(laplacian, noise.laplacian)
             / clean(gradients, noise.gradient[0] + noise.gradient[1]).max(1e-12);
         let damped = 1.0 / (1.0 + 0.5 * curvature);
         for block in blocks {
-            let variance = block.variance();
+            let variance = block.variance().max(floor);
             let weight = weight_of(variance, typical);
-            let in_band = variance.max(1e-12) / noise.sampled;
+            let in_band = variance / noise.sampled;
             for i in 0..2 {
                 b[i] += weight * block.difference[i];
                 for j in 0..2 {
@@ -235,13 +300,29 @@ impl Solver {
             [a[0][0] - noise_part[0], a[0][1]],
             [a[1][0], a[1][1] - noise_part[1]],
         ];
-        let excess = inflation(&self.grams, step, clean, typical, damped / noise.sampled);
-        let floor = ((noise_part[0] + noise_part[1]) / 2.0).max(1e-9 * weights);
+        let share = damped / noise.sampled;
+        let excess = if scope == LightScope::Window {
+            let pulls = self.window_pulls(tiling, light, whole, step, typical);
+            covariance_inflation(pulls, clean, share)
+        } else {
+            let tiles = self.grams.iter().filter_map(|(_, block)| block.as_ref());
+            let pulls = tiles.map(|block| Pull::of_block(block, step, typical, floor));
+            covariance_inflation(pulls, clean, share)
+        };
+        let noise_floor = ((noise_part[0] + noise_part[1]) / 2.0).max(1e-9 * weights);
         Ok(Some(Solution {
             step,
             covariance: sandwich(clean, c).map(|row| row.map(|value| excess * value)),
             excess,
-            information: eigenvalues(clean).map(|value| value / floor),
+            information_matrix: clean,
+            meat: c,
+            normal: (a, b),
+            damping: damped,
+            samples: (pixels / PIXELS_PER_SAMPLE).min(
+                pixels * (clean[0][0] + clean[1][1]).max(0.0)
+                    / (std::f64::consts::TAU * texture.max(1e-12)),
+            ),
+            information: eigenvalues(clean).map(|value| value / noise_floor),
             correlation: (texture - residual / 4.0) / (texture + residual / 4.0).max(1e-12),
             residual: (residual / degrees).sqrt(),
             alpha,
@@ -255,15 +336,135 @@ impl Solver {
         }))
     }
 
+    /// The whole window as one block: the sums over it, about its middle.
+    fn one_block(&mut self, tiling: &Tiling, light: Light) -> (Gram, [f64; 2]) {
+        let middle = tiling.center();
+        let mut gram = Gram::default();
+        for (index, (tile, _)) in self.grams.iter().enumerate() {
+            gram.add(&tile.moved(tiling.from(index, middle)));
+        }
+        self.blocks.clear();
+        self.blocks.extend(gram.reduce(light));
+        (gram, middle)
+    }
+
+    /// The blocks of tiles over each of which one model of the light holds; the sums over the window.
+    fn merge(
+        &mut self,
+        tiling: &Tiling,
+        light: Light,
+        noise: NoiseGain,
+        floor: f64,
+        hold: bool,
+    ) -> Result<(Gram, [f64; 2])> {
+        self.blocks.clear();
+        reserve("tiles", &mut self.blocks, self.grams.len())?;
+        // A tree has fewer branchings than leaves.
+        let hold = hold && self.merged.len() == self.grams.len();
+        resize("tiles", &mut self.merged, self.grams.len(), false)?;
+        let mut merger = Merger {
+            grams: &self.grams,
+            tiling,
+            light,
+            absorbed: 1.0 / noise.sampled,
+            floor,
+            blocks: &mut self.blocks,
+            merged: &mut self.merged,
+            tried: 0,
+            hold,
+        };
+        Ok(merger.merge(0..tiling.across(), 0..tiling.down()))
+    }
+
+    /// Eliminate the light of each tile, where that was left for later.
+    fn reduce_tiles(&mut self, light: Light) {
+        if !self.reduced {
+            for (gram, block) in &mut self.grams {
+                *block = gram.reduce(light);
+            }
+            self.reduced = true;
+        }
+    }
+
+    /// Whether the tiles, each with a light of its own, still tell the displacement: there is structure in many of them,
+    /// and in the direction in which they tell least they tell most of what they do with one light for the window.
+    pub(super) fn tiles_tell(&mut self, light: Light) -> bool {
+        let Some(whole) = self
+            .blocks
+            .first()
+            .map(|block| eigenvalues(block.gradient)[0])
+        else {
+            return false;
+        };
+        if !light.offset {
+            return false;
+        }
+        self.reduce_tiles(light);
+        let mut kept = [[0.0; 2]; 2];
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for block in self.grams.iter().filter_map(|(_, block)| block.as_ref()) {
+            for (to, from) in (kept.iter_mut().flatten()).zip(block.gradient.as_flattened()) {
+                *to += from;
+            }
+            let trace = block.gradient[0][0] + block.gradient[1][1];
+            sum += trace;
+            squares += trace * trace;
+        }
+        let structured = sum * sum > STRUCTURED_SHARE * squares * self.grams.len() as f64;
+        structured && eigenvalues(kept)[0] > TELLING_SHARE * whole
+    }
+
+    /// Whether one model of the light holds for all of the window, as far as the tiles of the last evaluation tell.
+    pub(super) fn is_one_light(
+        &mut self,
+        tiling: &Tiling,
+        light: Light,
+        noise: NoiseGain,
+        floor: f64,
+    ) -> Result<bool> {
+        self.reduce_tiles(light);
+        self.merge(tiling, light, noise, floor, false)?;
+        Ok(self.blocks.len() == 1)
+    }
+
+    /// How each tile pulls at a displacement that was found with one light for the window.
+    fn window_pulls(
+        &self,
+        tiling: &Tiling,
+        light: Light,
+        (whole, middle): (Gram, [f64; 2]),
+        step: [f64; 2],
+        variance: f64,
+    ) -> impl Iterator<Item = Pull> {
+        let weight = weight_of(variance, variance);
+        let projection = whole.projection(light);
+        self.grams
+            .iter()
+            .enumerate()
+            .map(move |(index, (tile, _))| {
+                let tile = tile.moved(tiling.from(index, middle));
+                let (gradient, difference) = tile.left_over(&projection);
+                let pull: [f64; 2] = std::array::from_fn(|i| {
+                    weight * (difference[i] + gradient[i][0] * step[0] + gradient[i][1] * step[1])
+                });
+                Pull {
+                    pull,
+                    gradient,
+                    variance: weight * weight * variance,
+                }
+            })
+    }
+
     /// How the gain varies, from the tiles of the last solution, whose differences are rid of the field `known`.
     pub(super) fn gain_field(
         &mut self,
         tiling: &Tiling,
         light: Light,
-        place: [Place; 2],
+        place: [WindowAxis; 2],
         known: [f64; 4],
     ) -> Result<[f64; 4]> {
         if light.gain {
+            self.reduce_tiles(light);
             gain_field(&self.grams, tiling, place, known, &mut self.samples)
         } else {
             Ok([0.0; 4])
@@ -271,34 +472,42 @@ impl Solver {
     }
 }
 
-/// The residual variances in order, each with the pixels that have it.
-fn sort_by_variance(blocks: &[Block], order: &mut Vec<(f64, f64)>) -> Result<()> {
-    let pairs = blocks.iter().map(|block| (block.variance(), block.count));
-    replace("tiles", order, pairs)?;
-    order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+/// What the residual variance of a block rests on.
+#[derive(Debug, Clone, Copy)]
+struct Ranked {
+    variance: f64,
+    count: f64,
+    /// Sum of squared gradients.
+    information: f64,
+}
+
+/// The blocks in the order of their residual variances.
+fn sort_by_variance(blocks: &[Block], order: &mut Vec<Ranked>) -> Result<()> {
+    let ranked = blocks.iter().map(|block| Ranked {
+        variance: block.variance(),
+        count: block.count,
+        information: block.gradient[0][0] + block.gradient[1][1],
+    });
+    replace("tiles", order, ranked)?;
+    order.sort_unstable_by(|a, b| {
+        (a.variance.total_cmp(&b.variance))
+            .then(a.count.total_cmp(&b.count))
+            .then(a.information.total_cmp(&b.information))
+    });
     Ok(())
 }
 
-/// The residual variance below which this share of the pixels lies.
-fn quantile(order: &[(f64, f64)], share: f64) -> f64 {
-    let limit = share * order.iter().map(|(_, count)| count).sum::<f64>();
+/// The residual variance below which this share of the blocks lies, by `weight`.
+fn quantile(order: &[Ranked], share: f64, weight: impl Fn(&Ranked) -> f64) -> f64 {
+    let limit = share * order.iter().map(&weight).sum::<f64>();
     let mut seen = 0.0;
-    for (variance, count) in order {
-        seen += count;
+    for block in order {
+        seen += weight(block);
         if seen >= limit {
-            return *variance;
+            return block.variance;
         }
     }
     0.0
-}
-
-/// The weight of a block by its residual variance. One that fits better than typical counts for at most twice as much:
-/// a flat one fits well and tells nothing. One that fits far worse shows the border of a shadow or a motion of its own
-/// and counts for less than its variance says.
-pub(super) fn weight_of(variance: f64, typical: f64) -> f64 {
-    let floored = variance.max(0.5 * typical).max(1e-12);
-    let outlying = (4.0 * typical.max(1e-12) / floored).min(1.0);
-    outlying / floored
 }
 
 fn overall_light(sums: &[[f64; 3]; 3], light: Light) -> (f64, f64) {
@@ -313,17 +522,6 @@ fn overall_light(sums: &[[f64; 3]; 3], light: Light) -> (f64, f64) {
         0.0
     };
     (alpha, (difference - alpha * mean) / count)
-}
-
-/// The inverse of a symmetric matrix; `None` unless it is positive.
-pub(super) fn inverse(a: [[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> {
-    let determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0];
-    (determinant > 0.0 && a[0][0] > 0.0).then(|| {
-        [
-            [a[1][1] / determinant, -a[0][1] / determinant],
-            [-a[1][0] / determinant, a[0][0] / determinant],
-        ]
-    })
 }
 
 fn sandwich(a: [[f64; 2]; 2], c: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
@@ -342,11 +540,4 @@ fn sandwich(a: [[f64; 2]; 2], c: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
     }
     let cross = (result[0][1] + result[1][0]) / 2.0;
     [[result[0][0], cross], [cross, result[1][1]]]
-}
-
-/// Eigenvalues of a symmetric matrix, the smaller first.
-pub(super) fn eigenvalues(matrix: [[f64; 2]; 2]) -> [f64; 2] {
-    let half = (matrix[0][0] + matrix[1][1]) / 2.0;
-    let radius = ((matrix[0][0] - matrix[1][1]) / 2.0).hypot(matrix[0][1]);
-    [half - radius, half + radius]
 }

@@ -1,7 +1,7 @@
 //! Where to start: candidates from phase correlation at a coarse level, judged by how well the frames then agree.
 
-use super::agreement::Candidates;
-use super::place::Pair;
+use super::coordinates::Pair;
+use super::correlation::Correlator;
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
@@ -26,7 +26,7 @@ pub(super) struct Start {
 
 impl Start {
     /// Whether the frames agree so well that chance is out of the question.
-    pub(super) fn convinces(&self) -> bool {
+    pub(super) fn is_convincing(&self) -> bool {
         self.correlation >= CONVINCING
     }
 
@@ -40,6 +40,10 @@ impl Start {
 const RIVAL_PEAK: f32 = 0.3;
 /// A rival correlates like this, and with this share of the best one's coefficient: it lies between whole pixels.
 const RIVAL: [f64; 2] = [0.4, 0.6];
+/// Structure repeats where the frames correlate with this share of the best coefficient.
+const REPEAT: f64 = 0.7;
+/// Between the two the coefficient falls below the second by this.
+const RISE: f64 = 0.2;
 /// Nearer than this in whole pixels it is the same displacement.
 const RIVAL_DISTANCE: usize = 2;
 /// As many are looked at.
@@ -54,8 +58,8 @@ pub(super) struct Starts {
 
 /// What the search needs, kept from call to call.
 #[derive(Debug, Default)]
-pub(super) struct Scratch {
-    candidates: Candidates,
+pub(super) struct Workspace {
+    correlator: Correlator,
     surface: Plane,
     fades: [[Vec<f32>; 2]; 2],
 }
@@ -65,21 +69,21 @@ pub(super) struct Scratch {
 pub(super) fn best_start(
     pair: Pair<'_>,
     limit: [f64; 2],
-    scratch: &mut Scratch,
+    workspace: &mut Workspace,
     execution: &Execution,
 ) -> Result<Option<Starts>> {
     let level = execution.simd_level();
-    scratch.candidates.take(pair, level)?;
+    workspace.correlator.take(pair, level)?;
     let mut search = Search {
         pair,
-        scratch,
+        workspace,
         limit,
         level,
         best: None,
         peaks: Vec::new(),
     };
     search.try_peaks(true)?;
-    if search.best.is_none_or(|best| !best.convinces()) {
+    if search.best.is_none_or(|best| !best.is_convincing()) {
         execution.check()?;
         search.consider([0, 0]);
         search.try_peaks(false)?;
@@ -94,7 +98,7 @@ pub(super) fn best_start(
 
 struct Search<'a> {
     pair: Pair<'a>,
-    scratch: &'a mut Scratch,
+    workspace: &'a mut Workspace,
     limit: [f64; 2],
     level: Level,
     best: Option<Start>,
@@ -104,31 +108,31 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// Consider the peaks of the phase correlation of the frames, locally normalised or as they are.
-    fn try_peaks(&mut self, flat: bool) -> Result<()> {
-        let (pair, scratch) = (self.pair, &mut *self.scratch);
+    fn try_peaks(&mut self, normalized: bool) -> Result<()> {
+        let (pair, workspace) = (self.pair, &mut *self.workspace);
         let size = [
             fast_length(pair.prev.width().max(pair.next.width())),
             fast_length(pair.prev.height().max(pair.next.height())),
         ];
-        let candidates = &scratch.candidates;
-        let planes = if flat {
-            &candidates.flat
+        let correlator = &workspace.correlator;
+        let planes = if normalized {
+            &correlator.normalized
         } else {
-            &candidates.raw
+            &correlator.raw
         };
         let whole = [(0, pair.next.width()), (0, pair.next.height())];
-        let [of_prev, of_next] = &mut scratch.fades;
+        let [of_prev, of_next] = &mut workspace.fades;
         let weights = [pair.prev_weight, pair.next_weight];
         let mut prev = Tapered::new(&planes[0], weights[0], pair.window, of_prev)?;
         let mut next = Tapered::new(&planes[1], weights[1], whole, of_next)?;
-        scratch.surface.resize(size[0], size[1])?;
+        workspace.surface.resize(size[0], size[1])?;
         correlate_rows(
             |y, row| prev.write(y, row),
             |y, row| next.write(y, row),
-            &mut scratch.surface,
+            &mut workspace.surface,
         )?;
         self.peaks.clear();
-        let found = peaks(&self.scratch.surface)?;
+        let found = peaks(&self.workspace.surface)?;
         let highest = found.first().map_or(0.0, |(height, _)| *height);
         for (height, peak) in &found {
             for wrap_y in [0, size[1] as isize] {
@@ -143,7 +147,7 @@ impl Search<'_> {
                     if *height >= RIVAL_PEAK * highest {
                         self.peaks.push(displacement);
                     }
-                    if self.best.is_none_or(|best| !best.convinces()) {
+                    if self.best.is_none_or(|best| !best.is_convincing()) {
                         self.consider(displacement);
                     }
                 }
@@ -166,8 +170,8 @@ impl Search<'_> {
             .iter()
             .filter(away)
             .filter(|d| {
-                let found = self.scratch.candidates.agreement(**d, self.level);
-                found.is_some_and(|found| found.flat >= least)
+                let found = self.workspace.correlator.at(**d, self.level);
+                found.is_some_and(|found| found.normalized >= least)
             })
             .take(RIVALS)
             .copied()
@@ -204,19 +208,55 @@ impl Search<'_> {
         if !self.in_reach(displacement) {
             return;
         }
-        let Some(found) = self.scratch.candidates.agreement(displacement, self.level) else {
+        let Some(found) = self.workspace.correlator.at(displacement, self.level) else {
             return;
         };
         let sure = |value: f64| value.clamp(-0.999, 0.999).atanh();
-        let score = (sure(found.flat) + 0.5 * sure(found.raw)) * found.count.sqrt();
+        let score = (sure(found.normalized) + 0.5 * sure(found.raw)) * found.count.sqrt();
         if self.best.is_none_or(|best| score > best.score) {
             self.best = Some(Start {
                 displacement,
-                correlation: found.flat,
+                correlation: found.normalized,
                 score,
             });
         }
     }
+}
+
+/// Whether the frames agree at other displacements along `direction` as they do at `at`, within `limit`.
+pub(super) fn repeats_along(
+    pair: Pair<'_>,
+    direction: [f64; 2],
+    at: f64,
+    limit: [f64; 2],
+    workspace: &mut Workspace,
+    level: Level,
+) -> Result<bool> {
+    let correlator = &mut workspace.correlator;
+    correlator.take(pair, level)?;
+    let correlation = |t: f64| {
+        let displacement = direction.map(|value| (t * value).round() as isize);
+        let inside = (0..2).all(|axis| displacement[axis].unsigned_abs() as f64 <= limit[axis]);
+        inside
+            .then(|| correlator.at(displacement, level))
+            .flatten()
+            .map_or(f64::NAN, |found| found.normalized)
+    };
+    let best = correlation(at);
+    let reach = limit[0].hypot(limit[1]).ceil() as isize;
+    let least = RIVAL[0].max(REPEAT * best);
+    // Behind a trough it is another agreement, not the flank of this one.
+    for sign in [-1.0, 1.0] {
+        let mut trough = best;
+        for step in 1..=2 * reach {
+            let here = correlation(at + sign * step as f64);
+            trough = trough.min(here);
+            if here >= least && here > trough + RISE {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
 }
 
 /// The highest local maxima of the surface, the highest first.

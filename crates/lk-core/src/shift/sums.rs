@@ -5,8 +5,8 @@
 
 use std::ops::Range;
 
+use super::filters::{DERIVATIVE, RADIUS};
 use super::gram::{F_DIFFERENCE, F_GX, F_GY, F_MEAN, F_ONE, F_X, F_Y, Gram};
-use super::taps::{DERIVATIVE, RADIUS};
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::reserve;
@@ -93,6 +93,18 @@ impl Tiling {
     pub(super) fn middle(&self, column: usize, row: usize) -> [f64; 2] {
         self.middle_pixels(column, row)
             .map(|value| value / f64::from(self.size))
+    }
+
+    /// The middle of the region, in the unit of x and y.
+    pub(super) fn center(&self) -> [f64; 2] {
+        [&self.columns, &self.rows]
+            .map(|cuts| cuts.last().map_or(0.0, |end| *end as f64 / 2.0) / f64::from(self.size))
+    }
+
+    /// From `point` to the middle of a tile, in the unit of x and y.
+    pub(super) fn from(&self, tile: usize, point: [f64; 2]) -> [f64; 2] {
+        let middle = self.middle(tile % self.across(), tile / self.across());
+        [middle[0] - point[0], middle[1] - point[1]]
     }
 
     /// The sums of 1, x, y, xx, xy, yy over a whole tile.

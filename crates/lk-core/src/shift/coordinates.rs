@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::taps::RADIUS;
+use super::filters::RADIUS;
 use crate::frame::Plane;
 
 /// Two planes, and how they lie.
@@ -40,12 +40,12 @@ impl Pair<'_> {
 
 /// From pixels of the region to the place in the window, -1 to 1, halfway between the two frames.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct WindowAxis {
     start: f64,
     step: f64,
 }
 
-impl Place {
+impl WindowAxis {
     pub(super) fn new(window: (usize, usize), start: usize, shift: isize) -> Self {
         let middle = (window.0 + window.1) as f64 / 2.0;
         let step = 2.0 / (window.1 - window.0) as f64;

@@ -1,8 +1,38 @@
 //! Whether the tiles agree with each other as well as their noise says.
 
-use super::follow::SETTLED;
-use super::gram::{Block, Gram};
-use super::solve::{inverse, weight_of};
+use super::gram::{Block, weight_of};
+use super::matrix::{Matrix, inverse, product, quadratic};
+
+/// What an iteration that has settled leaves of a step, in pixels.
+pub(super) const SETTLED: f64 = 1e-4;
+
+/// How one tile pulls at the displacement.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pull {
+    /// The sum of its gradients times what is left of its difference, by weight.
+    pub(super) pull: [f64; 2],
+    /// The sum of the products of its gradients.
+    pub(super) gradient: Matrix,
+    /// The variance of what is left, times the square of the weight.
+    pub(super) variance: f64,
+}
+
+impl Pull {
+    /// Of a tile with its own light, after a step.
+    pub(super) fn of_block(block: &Block, step: [f64; 2], typical: f64, floor: f64) -> Self {
+        let variance = block.variance().max(floor);
+        let weight = weight_of(variance, typical);
+        let [[xx, xy], [_, yy]] = block.gradient;
+        Self {
+            pull: [
+                weight * (block.difference[0] + xx * step[0] + xy * step[1]),
+                weight * (block.difference[1] + xy * step[0] + yy * step[1]),
+            ],
+            gradient: block.gradient,
+            variance: weight * weight * variance,
+        }
+    }
+}
 
 /// By how much the variance of the displacement is larger than the noise of the pixels explains: 1 unless the tiles
 /// contradict each other beyond chance, as in light or motion that no model fits, or where edges are too sharp for the
@@ -11,11 +41,9 @@ use super::solve::{inverse, weight_of};
 /// Each tile pulls at the solution with the sum of its gradients times what is left of its difference. That pull has a
 /// variance by the noise and one by what is seen; the sums over tiles, as the displacement feels them, are compared
 /// (White, "A heteroskedasticity-consistent covariance matrix estimator", 1980, with tiles as clusters).
-pub(super) fn inflation(
-    tiles: &[(Gram, Option<Block>)],
-    step: [f64; 2],
-    information: [[f64; 2]; 2],
-    typical: f64,
+pub(super) fn covariance_inflation(
+    pulls: impl Iterator<Item = Pull>,
+    information: Matrix,
     noise: f64,
 ) -> f64 {
     let Some(inverse) = inverse(information) else {
@@ -24,16 +52,16 @@ pub(super) fn inflation(
     // The squared length of what a pull does to the displacement is pull' metric pull.
     let metric = product(inverse, inverse);
     let (mut seen, mut expected, mut squares) = (0.0, 0.0, 0.0);
-    for block in tiles.iter().filter_map(|(_, block)| block.as_ref()) {
-        let weight = weight_of(block.variance(), typical);
-        let [[xx, xy], [_, yy]] = block.gradient;
-        let pull = [
-            weight * (block.difference[0] + xx * step[0] + xy * step[1]),
-            weight * (block.difference[1] + xy * step[0] + yy * step[1]),
-        ];
+    for Pull {
+        pull,
+        gradient,
+        variance,
+    } in pulls
+    {
         seen += quadratic(metric, pull);
+        let [[xx, xy], [_, yy]] = gradient;
         let trace = metric[0][0] * xx + 2.0 * metric[0][1] * xy + metric[1][1] * yy;
-        let part = weight * weight * block.variance().max(1e-12) * noise * trace;
+        let part = variance * noise * trace;
         expected += part;
         squares += part * part;
     }
@@ -49,12 +77,4 @@ pub(super) fn inflation(
     } else {
         1.0
     }
-}
-
-fn product(a: [[f64; 2]; 2], b: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
-    std::array::from_fn(|i| std::array::from_fn(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j]))
-}
-
-fn quadratic(matrix: [[f64; 2]; 2], [x, y]: [f64; 2]) -> f64 {
-    matrix[0][0] * x * x + (matrix[0][1] + matrix[1][0]) * x * y + matrix[1][1] * y * y
 }

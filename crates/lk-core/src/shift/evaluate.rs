@@ -1,17 +1,17 @@
-//! One look at two frames at one displacement: both are sampled half a step towards each other, and the products that
+//! One evaluation of two frames at one displacement: both are sampled half a step towards each other, and the products that
 //! the normal equations need are summed over tiles.
 //!
-//! A stripe of tiles is sampled into buffers that stay in the cache, then summed: the frames are read once a look.
+//! A stripe of tiles is sampled into buffers that stay in the cache, then summed: the frames are read once an evaluation.
 
 #![allow(clippy::needless_range_loop, reason = "lane indices")]
 
 use std::cell::RefCell;
 
+use super::coordinates::{Pair, WindowAxis};
+use super::filters::{RADIUS, Taps, noise_gain, taps};
 use super::gram::Light;
-use super::place::{Pair, Place};
-use super::solve::{Solution, Solver};
+use super::solve::{LightScope, Solution, Solver};
 use super::sums::{StripeSums, Tile, Tiling};
-use super::taps::{RADIUS, Taps, noise_gain, taps};
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
@@ -24,18 +24,20 @@ use crate::simd::{EIGHT, Eight, EightKernel, Packed, dispatch_eight};
 /// that an iteration near the half does not jump between two of them.
 pub(super) const REACH: f64 = 0.52;
 
-/// What a look needs, kept from look to look.
+/// What an evaluation needs, kept from one to the next.
 #[derive(Debug, Default)]
 pub(super) struct Workspace {
     weight: Plane,
     tiles: Vec<Tile>,
     tiling: Tiling,
+    weighted: bool,
     solver: Solver,
+    pub(super) affine: super::affine::Workspace,
 }
 
-/// How to look.
+/// Where and how two frames are compared.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Look {
+pub(super) struct Evaluation {
     /// The displacement, within [`REACH`] of `whole`.
     pub(super) displacement: [f64; 2],
     /// The whole pixels at which the frames are compared.
@@ -46,8 +48,10 @@ pub(super) struct Look {
     pub(super) gain: GainField,
     /// Pixels along a side of a tile.
     pub(super) tile: usize,
-    /// Whether tiles that the last look kept apart stay apart.
-    pub(super) hold: bool,
+    /// Over what part of the window one model of the light holds.
+    pub(super) scope: LightScope,
+    /// Variance of the rounding of grey levels in one frame, in the unit of the planes.
+    pub(super) rounding: f64,
 }
 
 /// A gain that varies with place and grey level: `next - prev = (c0 + c1 x + c2 y + c3 m / 2) m`, with m the mean of
@@ -75,26 +79,29 @@ thread_local! {
 }
 
 /// What the pair says; `None` if too few pixels are shown by both.
-pub(super) fn look(
+pub(super) fn evaluate(
     pair: Pair<'_>,
-    how: Look,
+    params: Evaluation,
     workspace: &mut Workspace,
     execution: &Execution,
 ) -> Result<Option<Solution>> {
-    let Some(view) = View::new(pair, how) else {
+    let Some(view) = View::new(pair, params) else {
         return Ok(None);
     };
     let Workspace {
         weight,
         tiles,
         tiling,
+        weighted: keeps_weight,
         solver,
+        affine: _,
     } = workspace;
     let weighted = pair.prev_weight.is_some() || pair.next_weight.is_some();
+    *keeps_weight = weighted;
     if weighted {
         view.weigh(weight)?;
     }
-    tiling.cut(view.size, how.tile)?;
+    tiling.cut(view.size, params.tile)?;
     tiles.clear();
     let count = tiling.across() * tiling.down();
     resize("tiles", tiles, count, Tile::ZERO)?;
@@ -104,14 +111,14 @@ pub(super) fn look(
     for_each_band(
         execution,
         tiling.down(),
-        (8192 / (view.size[0] * how.tile)).max(1),
+        (8192 / (view.size[0] * params.tile)).max(1),
         RowsMut::new(tiles, tiling.across()),
         |band, mut part| {
             STRIPE.with_borrow_mut(|buffers| {
                 for (local, stripe) in band.enumerate() {
                     dispatch_eight(
                         level,
-                        LookAtStripe {
+                        EvaluateStripe {
                             view: &view,
                             tiling,
                             stripe,
@@ -126,23 +133,66 @@ pub(super) fn look(
             })
         },
     )?;
-    let light = Light::new(how.illumination);
+    let light = Light::new(params.illumination);
     let noise = noise_gain(&view.taps);
-    solver.solve(tiles, tiling, weighted, light, noise, how.hold)
+    let floor = params.rounding * 2.0 * noise.sampled;
+    solver.solve(tiles, tiling, weighted, light, noise, floor, params.scope)
 }
 
-/// How the gain varies over the window, as the last look saw it; none if it varies in another way.
+/// What the last evaluation says with another model of the light.
+pub(super) fn evaluate_again(
+    pair: Pair<'_>,
+    params: Evaluation,
+    workspace: &mut Workspace,
+) -> Result<Option<Solution>> {
+    let Some(view) = View::new(pair, params) else {
+        return Ok(None);
+    };
+    let noise = noise_gain(&view.taps);
+    let floor = params.rounding * 2.0 * noise.sampled;
+    let Workspace {
+        tiles,
+        tiling,
+        weighted,
+        solver,
+        ..
+    } = workspace;
+    let light = Light::new(params.illumination);
+    solver.solve(tiles, tiling, *weighted, light, noise, floor, params.scope)
+}
+
+/// Whether tiles with a light of their own still tell the displacement, as the last evaluation saw them.
+pub(super) fn tiles_tell(params: Evaluation, workspace: &mut Workspace) -> bool {
+    workspace.solver.tiles_tell(Light::new(params.illumination))
+}
+
+/// Whether one model of the light holds for all of the window, as the last evaluation saw it.
+pub(super) fn is_one_light(
+    pair: Pair<'_>,
+    params: Evaluation,
+    workspace: &mut Workspace,
+) -> Result<bool> {
+    let Some(view) = View::new(pair, params) else {
+        return Ok(false);
+    };
+    let Workspace { tiling, solver, .. } = workspace;
+    let noise = noise_gain(&view.taps);
+    let floor = params.rounding * 2.0 * noise.sampled;
+    solver.is_one_light(tiling, Light::new(params.illumination), noise, floor)
+}
+
+/// How the gain varies over the window, as the last evaluation saw it; none if it varies in another way.
 pub(super) fn gain_field(
     pair: Pair<'_>,
-    how: Look,
+    params: Evaluation,
     workspace: &mut Workspace,
 ) -> Result<GainField> {
-    let light = Light::new(how.illumination);
-    let Some(view) = View::new(pair, how) else {
+    let light = Light::new(params.illumination);
+    let Some(view) = View::new(pair, params) else {
         return Ok(GainField::default());
     };
     let Workspace { tiling, solver, .. } = workspace;
-    let field = solver.gain_field(tiling, light, view.place, how.gain.0)?;
+    let field = solver.gain_field(tiling, light, view.place, params.gain.0)?;
     Ok(GainField(field))
 }
 
@@ -154,15 +204,15 @@ struct View<'a> {
     size: [usize; 2],
     /// Those of `next`, along x and along y; `prev` takes them in reverse.
     taps: [Taps; 2],
-    place: [Place; 2],
+    place: [WindowAxis; 2],
     gain: GainField,
 }
 
 impl<'a> View<'a> {
-    fn new(pair: Pair<'a>, how: Look) -> Option<Self> {
+    fn new(pair: Pair<'a>, params: Evaluation) -> Option<Self> {
         let half: [f64; 2] =
-            std::array::from_fn(|axis| (how.displacement[axis] - how.whole[axis]) / 2.0);
-        let shift = how.whole.map(|value| value as isize);
+            std::array::from_fn(|axis| (params.displacement[axis] - params.whole[axis]) / 2.0);
+        let shift = params.whole.map(|value| value as isize);
         let (columns, rows) = (pair.overlap(0, shift[0]), pair.overlap(1, shift[1]));
         if columns.len() < 4 || rows.len() < 4 {
             return None;
@@ -179,9 +229,9 @@ impl<'a> View<'a> {
             size: [columns.len(), rows.len()],
             taps: half.map(taps),
             place: std::array::from_fn(|axis| {
-                Place::new(pair.window[axis], start[axis], shift[axis])
+                WindowAxis::new(pair.window[axis], start[axis], shift[axis])
             }),
-            gain: how.gain,
+            gain: params.gain,
         })
     }
 
@@ -213,7 +263,7 @@ impl<'a> View<'a> {
 }
 
 /// Sample a stripe of tiles, and sum it up.
-struct LookAtStripe<'a> {
+struct EvaluateStripe<'a> {
     view: &'a View<'a>,
     tiling: &'a Tiling,
     stripe: usize,
@@ -224,7 +274,7 @@ struct LookAtStripe<'a> {
     tiles: &'a mut [Tile],
 }
 
-impl EightKernel for LookAtStripe<'_> {
+impl EightKernel for EvaluateStripe<'_> {
     type Output = Result<()>;
 
     #[inline(always)]

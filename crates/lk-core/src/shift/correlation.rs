@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use super::place::Pair;
+use super::coordinates::Pair;
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::{reserve, resize};
@@ -18,10 +18,10 @@ const ROWS: usize = 8;
 
 /// Two frames as they are and locally normalised, with room behind each row to load whole lanes; kept from call to call.
 #[derive(Debug, Default)]
-pub(super) struct Candidates {
+pub(super) struct Correlator {
     /// Of `prev` and of `next`.
     pub(super) raw: [Plane; 2],
-    pub(super) flat: [Plane; 2],
+    pub(super) normalized: [Plane; 2],
     weight: [Plane; 2],
     weighted: bool,
     size: [[usize; 2]; 2],
@@ -35,14 +35,14 @@ pub(super) struct Candidates {
 
 /// Correlation coefficients at one displacement.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Agreement {
+pub(super) struct Correlation {
     pub(super) raw: f64,
-    pub(super) flat: f64,
+    pub(super) normalized: f64,
     /// Pixels that they rest on.
     pub(super) count: f64,
 }
 
-impl Candidates {
+impl Correlator {
     /// Take the frames of `pair`.
     pub(super) fn take(&mut self, pair: Pair<'_>, level: Level) -> Result<()> {
         (self.window, self.origin) = (pair.window, pair.origin);
@@ -75,7 +75,7 @@ impl Candidates {
                     across: &self.across,
                     sums: &mut self.sums,
                     variance: &mut self.variance,
-                    to: &mut self.flat[index],
+                    to: &mut self.normalized[index],
                 },
             )?;
         }
@@ -83,7 +83,7 @@ impl Candidates {
     }
 
     /// How well the frames agree at displacement `d`; `None` if they share too few pixels.
-    pub(super) fn agreement(&self, d: [isize; 2], level: Level) -> Option<Agreement> {
+    pub(super) fn at(&self, d: [isize; 2], level: Level) -> Option<Correlation> {
         let shared = |axis: usize| -> Option<(Range<usize>, usize)> {
             let offset = d[axis] - self.origin[axis];
             let (low, high) = self.window[axis];
@@ -99,7 +99,7 @@ impl Candidates {
         }
         let starts = [[columns.start, rows.start], [next_column, next_row]];
         let size = [columns.len(), rows.len()];
-        let (count, [raw, flat]) = if self.weighted {
+        let (count, [raw, normalized]) = if self.weighted {
             dispatch_eight(
                 level,
                 Correlate::<true> {
@@ -125,9 +125,9 @@ impl Candidates {
             let (pp, pn, nn) = (pp - p * p / count, pn - p * n / count, nn - n * n / count);
             pn / (pp.max(0.0) * nn.max(0.0)).sqrt().max(1e-9)
         };
-        Some(Agreement {
+        Some(Correlation {
             raw: coefficient(raw),
-            flat: coefficient(flat),
+            normalized: coefficient(normalized),
             count,
         })
     }
@@ -238,7 +238,7 @@ fn around<L: Eight>(sums: &[f32], x: usize) -> L {
 }
 
 struct Correlate<'a, const WEIGHTED: bool> {
-    of: &'a Candidates,
+    of: &'a Correlator,
     /// The first pixel in each frame.
     starts: [[usize; 2]; 2],
     size: [usize; 2],
@@ -275,7 +275,7 @@ impl<const WEIGHTED: bool> EightKernel for Correlate<'_, WEIGHTED> {
                             .keep(lanes);
                         weights += weight;
                     }
-                    for (sums, planes) in sums.iter_mut().zip([&self.of.raw, &self.of.flat]) {
+                    for (sums, planes) in sums.iter_mut().zip([&self.of.raw, &self.of.normalized]) {
                         let p = L::load(planes[0].data(), at[0] + x);
                         let n = L::load(planes[1].data(), at[1] + x);
                         let (wp, wn) = if WEIGHTED {

@@ -1,0 +1,248 @@
+//! From one start at a coarse level down to the displacement.
+
+use super::evaluate::{
+    Evaluation, GainField, REACH, Workspace, evaluate, evaluate_again, gain_field, is_one_light,
+    tiles_tell,
+};
+use super::inputs::Inputs;
+use super::matrix::eigenvalues;
+use super::robust_covariance::SETTLED;
+use super::solve::{LightScope, Solution};
+use super::{ShiftOptions, ShiftStatus};
+use crate::error::Result;
+
+/// Side of a tile at a coarse level, in its pixels.
+const COARSE_TILE: usize = 8;
+/// A step above this, in pixels, changes what the tiles say about the gain.
+const GAIN_SETTLED: f64 = 2e-3;
+/// Below a step of this, in pixels, what is left of the differences tells whether one light holds for the window.
+const LIGHT_TOLD: f64 = 0.02;
+/// The gain is fitted at most so often at a level: then it stands, so that the displacement can settle.
+const GAIN_FITS: usize = 2;
+/// After so many evaluations tiles are no longer merged anew, so that the displacement can settle.
+const FREE_MERGES: usize = 5;
+/// So it has below this share of its standard deviation, which counts for no more than [`MAX_DEVIATION`].
+const SETTLED_SHARE: f64 = 0.05;
+const MAX_DEVIATION: f64 = 0.1;
+/// The same at a coarse level, in its pixels.
+const COARSE_SETTLED: f64 = 0.05;
+
+/// Where to begin at one level.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Guess {
+    pub(super) level: usize,
+    /// In pixels of the level.
+    pub(super) displacement: [f64; 2],
+    /// What is known of the light.
+    pub(super) gain: GainField,
+    /// [`LightScope::Window`] or [`LightScope::Tiles`].
+    pub(super) scope: LightScope,
+    /// The only direction in which to move.
+    pub(super) direction: Option<[f64; 2]>,
+    /// Whether to go on where one light for the window turns out not to hold.
+    pub(super) to_the_end: bool,
+}
+
+/// Where the iteration ended at one level.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Found {
+    pub(super) displacement: [f64; 2],
+    /// Of the last evaluation.
+    pub(super) solution: Solution,
+    /// What the last evaluation took out.
+    pub(super) gain: GainField,
+    pub(super) scope: LightScope,
+    /// Whether the frames matched by more than chance, at this level or at that of the start.
+    pub(super) matches: bool,
+    /// Whether the iteration settled.
+    pub(super) steady: bool,
+    /// Whether one model of the light was found to hold for the whole window.
+    pub(super) one_light: bool,
+}
+
+impl Found {
+    /// Whether this tells more than what was found with another model of the light.
+    pub(super) fn is_surer_than(&self, other: &Self) -> bool {
+        let largest = |found: &Self| eigenvalues(found.solution.covariance)[1];
+        let (own, others) = (largest(self), largest(other));
+        self.matches && !(other.steady && other.matches && (others <= own || own.is_nan()))
+    }
+
+    /// Begin where this ended, with another model of the light.
+    pub(super) fn guess(&self, scope: LightScope) -> Guess {
+        Guess {
+            level: 0,
+            displacement: self.displacement,
+            gain: self.gain,
+            scope,
+            direction: None,
+            to_the_end: false,
+        }
+    }
+}
+
+/// What the iteration works on.
+#[derive(Debug)]
+pub(super) struct Problem<'a> {
+    pub(super) inputs: &'a Inputs,
+    pub(super) workspace: &'a mut Workspace,
+    pub(super) options: &'a ShiftOptions,
+}
+
+impl Problem<'_> {
+    /// Follow a start down to the finest level; what stopped it, if it was stopped.
+    pub(super) fn descend(
+        &mut self,
+        mut guess: Guess,
+    ) -> Result<std::result::Result<Found, ShiftStatus>> {
+        let from = guess.level;
+        // The levels between change little: what the coarse one leaves, the finest one finds as well.
+        if from > 0 {
+            let coarse = match self.gauss_newton(guess)? {
+                Ok(coarse) => coarse,
+                Err(status) => return Ok(Err(status)),
+            };
+            guess = Guess {
+                level: 0,
+                displacement: (coarse.displacement).map(|value| f64::from(1u32 << from) * value),
+                gain: coarse.gain,
+                ..guess
+            };
+            return Ok(self.gauss_newton(guess)?.map(|found| Found {
+                matches: coarse.matches || found.solution.matches_finely(),
+                ..found
+            }));
+        }
+        self.gauss_newton(guess)
+    }
+
+    /// How well the frames correlate at what was found, with one light for the window.
+    pub(super) fn window_correlation(&mut self, found: &Found) -> Result<Option<f64>> {
+        let params = Evaluation {
+            displacement: found.displacement,
+            whole: found.displacement.map(f64::round),
+            illumination: self.options.illumination,
+            gain: GainField::default(),
+            tile: self.inputs.tile,
+            rounding: self.inputs.normalization.rounding,
+            scope: LightScope::Window,
+        };
+        let execution = &self.options.execution;
+        let solution = evaluate(self.inputs.pair(0), params, self.workspace, execution)?;
+        Ok(solution.map(|solution| solution.correlation))
+    }
+
+    /// Gauss-Newton iteration at one level.
+    pub(super) fn gauss_newton(
+        &mut self,
+        Guess {
+            level,
+            mut displacement,
+            mut gain,
+            mut scope,
+            direction,
+            to_the_end,
+        }: Guess,
+    ) -> Result<std::result::Result<Found, ShiftStatus>> {
+        let finest = level == 0;
+        let pair = self.inputs.pair(level);
+        let mut whole = displacement.map(f64::round);
+        let mut before: Option<[f64; 2]> = None;
+        let mut fits = 0;
+        let mut found = None;
+        for index in 0..if finest { 20 } else { 6 } {
+            for (whole, exact) in whole.iter_mut().zip(displacement) {
+                if (exact - *whole).abs() > REACH {
+                    *whole = exact.round();
+                    before = None;
+                }
+            }
+            let mut params = Evaluation {
+                displacement,
+                whole,
+                illumination: self.options.illumination,
+                gain,
+                tile: if finest {
+                    self.inputs.tile
+                } else {
+                    COARSE_TILE
+                },
+                rounding: self.inputs.normalization.rounding / f64::from(1u32 << (2 * level)),
+                scope: if scope == LightScope::Tiles && index >= FREE_MERGES {
+                    LightScope::HeldTiles
+                } else {
+                    scope
+                },
+            };
+            let solution = evaluate(pair, params, self.workspace, &self.options.execution)?;
+            let Some(mut solution) = solution else {
+                return Ok(Err(ShiftStatus::TooLittleOverlap));
+            };
+            // Where parts with a light of their own still tell the displacement, no simpler light is needed.
+            if scope == LightScope::Window
+                && index == 0
+                && !to_the_end
+                && tiles_tell(params, self.workspace)
+            {
+                scope = LightScope::Tiles;
+                params.scope = scope;
+                let again = evaluate_again(pair, params, self.workspace)?;
+                solution = again.unwrap_or(solution);
+            }
+            let exact = direction.map_or(solution.step, |along| solution.step_along(along));
+            let (step, left) = extrapolated(exact, before);
+            let length = step[0].hypot(step[1]);
+            let damp = if length > 1.0 { 1.0 / length } else { 1.0 };
+            for (value, step) in displacement.iter_mut().zip(step) {
+                *value += damp * step;
+            }
+            before = (length < 0.2).then_some(exact);
+            let settled = if finest {
+                let [xx, yy] = [0, 1].map(|axis| solution.covariance[axis][axis]);
+                let deviation = xx.min(yy).max(0.0).sqrt().min(MAX_DEVIATION);
+                SETTLED.max(SETTLED_SHARE * deviation)
+            } else {
+                COARSE_SETTLED
+            };
+            let steady = length * left < settled;
+            // Gains of tiles are those of the light where one light nearly holds; elsewhere they may be motion.
+            let window = scope == LightScope::Window;
+            let one_light = window
+                && finest
+                && (steady || length < 0.2)
+                && is_one_light(pair, params, self.workspace)?;
+            found = Some(Found {
+                displacement,
+                solution,
+                gain,
+                scope,
+                matches: solution.matches(),
+                steady,
+                one_light,
+            });
+            let told = window && finest && !one_light && length < LIGHT_TOLD;
+            if steady || (told && !to_the_end) {
+                break;
+            }
+            let fit = length < 0.2 && fits < GAIN_FITS && (fits == 0 || length > GAIN_SETTLED);
+            if fit && (one_light || !window) {
+                fits += 1;
+                gain = gain_field(pair, params, self.workspace)?;
+            }
+        }
+        Ok(found.ok_or(ShiftStatus::NotConverged))
+    }
+}
+
+/// A step, made longer or shorter by what the one before it left, and the share of it that the next would be: the
+/// gradients are not exact, but their error is the same in each step.
+fn extrapolated(step: [f64; 2], before: Option<[f64; 2]>) -> ([f64; 2], f64) {
+    let square = before.map_or(0.0, |before| before[0] * before[0] + before[1] * before[1]);
+    let Some(before) = before.filter(|_| square > 0.0) else {
+        return (step, 1.0);
+    };
+    let along = (step[0] * before[0] + step[1] * before[1]) / square;
+    let left = along.clamp(-0.3, 0.3);
+    let ratio = (step[0].hypot(step[1]) / square.sqrt()).min(1.0);
+    (step.map(|value| value / (1.0 - left)), 0.3 * ratio)
+}
