@@ -11,7 +11,6 @@ from .options import FLOAT32_MAX, choice, integer, integers, number, number_or_n
 
 Illumination = Literal["none", "offset", "gain_offset"]
 Deformation = Literal["auto", "none", "affine"]
-Deformation = Literal["auto", "none", "affine"]
 ShiftDeformation = Literal["none", "affine"]
 Preset = Literal["ultrafast", "fast", "balanced", "accurate"]
 
