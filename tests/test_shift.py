@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+import skimage.data
 from scipy import ndimage
 
 import rsflow
@@ -301,6 +302,69 @@ def test_unrelated_windows_are_no_match(sigma):
         prev, _ = pair(0, 0, seed=seed, noise=1.0, sigma=sigma)
         nxt, _ = pair(0, 0, seed=seed + 500, noise=1.0, sigma=sigma)
         assert estimate_shift(prev, nxt).status == ShiftStatus.NO_MATCH
+
+
+def photographs() -> list[np.ndarray]:
+    """Pictures that scikit-image ships."""
+    names = ("camera", "coins", "moon", "page", "text", "brick", "grass", "gravel")
+    return [np.ascontiguousarray(getattr(skimage.data, name)()) for name in names]
+
+
+def test_unrelated_photographs_are_no_match() -> None:
+    """A gain that makes next to nothing of one frame, or varies wildly over it, explains any two windows."""
+    rng = np.random.default_rng(5)
+    pictures = photographs()
+    valid = 0
+    for run in range(1500):
+        size = (32, 60, 64)[run % 3]
+        frames = []
+        for index in rng.choice(len(pictures), 2, replace=False):
+            height, width = pictures[index].shape
+            y, x = rng.integers(0, height - size), rng.integers(0, width - size)
+            frames.append(pictures[index][y : y + size, x : x + size])
+        for illumination in ("none", "offset", "gain_offset"):
+            valid += estimate_shift(*frames, illumination=illumination).valid
+    assert valid <= 1
+
+
+def test_photographs_in_a_ramp_of_light() -> None:
+    """One light for the window that varies over it is told from motion, and from a light for each part."""
+    rng = np.random.default_rng(6)
+    off = []
+    for picture in photographs():
+        for _ in range(8):
+            y, x = (rng.integers(20, side - 80) for side in picture.shape)
+            dx, dy = rng.integers(-5, 6, 2)
+            prev = picture[y : y + 60, x : x + 60]
+            nxt = picture[y - dy : y - dy + 60, x - dx : x - dx + 60] * np.linspace(0.75, 1.0, 60)
+            shift = estimate_shift(prev, np.round(nxt).astype(np.uint8))
+            if shift.valid:
+                off.append([shift.dx - dx, shift.dy - dy])
+    lengths = np.hypot(*np.transpose(off))
+    assert len(lengths) >= 58
+    assert np.median(lengths) < 0.01
+    assert lengths.max() < 0.2
+
+
+@pytest.mark.parametrize(("size", "most"), [(60, 0.06), (100, 0.01)])
+def test_a_hard_shadow_on_smooth_windows_does_not_draw_the_displacement(size: int, most: float) -> None:
+    off = []
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        dx, dy = rng.uniform(-5, 5, 2)
+        prev, nxt = pair(dx, dy, noise=1.0, seed=seed, sigma=4.0, size=size)
+        y, x = np.mgrid[0:size, 0:size] - size / 2
+        angle = rng.uniform(0, 2 * np.pi)
+        border = x * np.cos(angle) + y * np.sin(angle) - rng.uniform(-0.2, 0.2) * size
+        shift = estimate_shift(prev, np.where(border > 0, 0.5, 1.0).astype(np.float32) * nxt)
+        if shift.valid:
+            std = np.sqrt(np.diag(shift.covariance))
+            off.append([shift.dx - dx, shift.dy - dy, (shift.dx - dx) / std[0], (shift.dy - dy) / std[1]])
+    lengths = np.hypot(*np.transpose(off)[:2])
+    assert len(off) >= 22
+    assert np.median(lengths) < most
+    assert np.sum(lengths > 0.3) <= 1
+    assert np.mean(np.abs(off)[:, 2:] < 2) > 0.8
 
 
 def test_noise_is_no_texture():

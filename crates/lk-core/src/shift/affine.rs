@@ -8,7 +8,7 @@
 use super::coordinates::Pair;
 use super::filters::{DERIVATIVE, NoiseGain, RADIUS, Taps, noise_gain, taps};
 use super::gauss_newton::{Found, Problem};
-use super::gram::Light;
+use super::gram::{Light, agreement};
 use super::matrix::{Matrix, product};
 use super::solve::exceeds_chance;
 use crate::error::Result;
@@ -562,13 +562,14 @@ fn solve(
     } else {
         0.0
     };
+    let [shared, size] = agreement(texture, gain, residual, light);
     Some(Affine {
         motion: step,
         covariance,
         alpha: gain,
         beta: offset,
         residual: (residual / degrees).sqrt(),
-        correlation: (texture - residual / 4.0) / (texture + residual / 4.0).max(1e-12),
+        correlation: shared / size.max(1e-12),
         samples: (count / 9.0).min(
             count * (clean[0][0] + clean[1][1]) / (std::f64::consts::TAU * texture.max(1e-12)),
         ),

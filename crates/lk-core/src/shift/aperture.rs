@@ -2,7 +2,7 @@
 
 use super::estimate::measured;
 use super::gauss_newton::{Found, Guess, Problem};
-use super::matrix::largest_direction;
+use super::matrix::{largest_direction, quadratic};
 use super::normalization::Normalization;
 use super::{Shift, ShiftStatus};
 use crate::error::Result;
@@ -37,11 +37,12 @@ impl Problem<'_> {
             to_the_end: true,
             ..found.guess(found.scope)
         };
+        let systematic = found.systematic;
         let Ok(found) = self.gauss_newton(guess)? else {
             return Ok(None);
         };
         let [dx, dy] = found.displacement;
-        let variance = found.solution.variance_along(direction);
+        let variance = found.solution.variance_along(direction) + quadratic(systematic, direction);
         Ok(
             (found.steady && variance < MAX_SIGMA * MAX_SIGMA).then_some(Across {
                 found,

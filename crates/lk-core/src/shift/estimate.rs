@@ -1,8 +1,8 @@
 //! The displacement from the best of the starts, and whether to believe it.
 
 use super::evaluate::GainField;
-use super::gauss_newton::{Found, Guess, Problem};
-use super::matrix::eigenvalues;
+use super::gauss_newton::{COMMON_STRUCTURE, Found, Guess, Problem};
+use super::matrix::{eigenvalues, inverse, quadratic};
 use super::normalization::Normalization;
 use super::solve::LightScope;
 use super::start::{Starts, best_start, repeats_along};
@@ -24,9 +24,12 @@ const EDGE_SIGMA: f64 = 0.03;
 /// Less information than this share of that across is that of an edge even without noise: the filters turn the
 /// gradients of one direction by up to a few hundredths.
 const EDGE_INFORMATION: f64 = 3e-3;
-/// One light for the window that does not hold up to the noise must explain the frames this well to be preferred to one
-/// for each part of it: as a share, edges that are too sharp for the samples leave far less.
-const WINDOW_CORRELATION: f64 = 0.9;
+/// One light for the window that correlates like this explains next to everything: what it leaves are edges that are too
+/// sharp for the samples.
+const EXPLAINED: f64 = 0.999;
+/// Displacements with one light for the window and with one for each part of it contradict each other above this square
+/// of their distance in deviations: one in 370 by chance.
+const CONTRADICTION: f64 = 11.8;
 /// Gains beyond this, or below its inverse, are not light: one of the frames is blank.
 const MAX_GAIN: f64 = 16.0;
 /// Displacements further apart than this, in pixels, are two.
@@ -85,6 +88,7 @@ impl Workspace {
             displacement: start.map(|value| value as f64),
             gain: GainField::default(),
             scope,
+            common_structure: false,
             direction: None,
             to_the_end: false,
         };
@@ -161,7 +165,7 @@ impl Problem<'_> {
         let window = self.descend(start(LightScope::Window))?;
         let tiles = match window {
             Ok(window) if window.matches => {
-                if window.scope == LightScope::Tiles || (window.one_light && window.steady) {
+                if window.one_light && window.steady {
                     return Ok(Ok(window));
                 }
                 // The light may have drawn it away from the right displacement, but not far.
@@ -175,27 +179,58 @@ impl Problem<'_> {
             }
             _ => self.descend(start(LightScope::Tiles))?,
         };
-        match (window, tiles) {
-            (Ok(window), Ok(tiles))
-                if window.solution.correlation < WINDOW_CORRELATION
-                    || !window.is_surer_than(&tiles) =>
+        let (window, tiles) = match (window, tiles) {
+            (Ok(window), Ok(tiles)) => (window, tiles),
+            (Ok(window), Err(_)) => return self.settled(window),
+            (Err(_), tiles) => return Ok(tiles),
+        };
+        let Some(apart) = contradiction(&window, &tiles) else {
+            return if window.solution.correlation < COMMON_STRUCTURE
+                || !window.is_surer_than(&tiles)
             {
                 Ok(Ok(tiles))
-            }
-            (Ok(window), _) if window.steady => Ok(Ok(window)),
-            (Ok(window), _) => {
-                let guess = Guess {
-                    to_the_end: true,
-                    ..window.guess(LightScope::Window)
-                };
-                Ok(self.gauss_newton(guess)?.map(|found| Found {
-                    matches: window.matches,
-                    ..found
-                }))
-            }
-            (Err(_), tiles) => Ok(tiles),
-        }
+            } else {
+                self.settled(window)
+            };
+        };
+        // One of them is wrong. Where one light explains next to everything it is the tiles, whose light took motion for
+        // itself; how far they are apart says how far either may be off.
+        let chosen = if window.solution.correlation > EXPLAINED {
+            self.settled(window)?
+        } else {
+            Ok(tiles)
+        };
+        Ok(chosen.map(|found| Found {
+            systematic: apart.map(|a| apart.map(|b| a * b / 4.0)),
+            ..found
+        }))
     }
+
+    /// What was found with one light for the window, settled.
+    fn settled(&mut self, window: Found) -> Result<std::result::Result<Found, ShiftStatus>> {
+        if window.steady {
+            return Ok(Ok(window));
+        }
+        let guess = Guess {
+            to_the_end: true,
+            ..window.guess(LightScope::Window)
+        };
+        Ok(self.gauss_newton(guess)?.map(|found| Found {
+            matches: window.matches,
+            ..found
+        }))
+    }
+}
+
+/// How far apart the displacements with one light for the window and with one for each part of it are, if that is more
+/// than chance lets expect and both are to be taken seriously (Hausman, "Specification tests in econometrics", 1978).
+fn contradiction(window: &Found, tiles: &Found) -> Option<[f64; 2]> {
+    if !window.matches || !tiles.steady || window.solution.correlation < COMMON_STRUCTURE {
+        return None;
+    }
+    let apart = [0, 1].map(|axis| tiles.displacement[axis] - window.displacement[axis]);
+    let distance = quadratic(inverse(window.solution.covariance)?, apart);
+    (distance > CONTRADICTION).then_some(apart)
 }
 
 impl Problem<'_> {
@@ -253,8 +288,8 @@ fn beyond(displacement: [f64; 2], limit: [f64; 2]) -> bool {
 /// Whether the displacement was measured, and if not, why.
 fn judge(found: &Found, limit: [f64; 2], ambiguous: bool) -> ShiftStatus {
     let solution = &found.solution;
-    let total = eigenvalues(solution.covariance);
-    let variance = total.map(|value| value / solution.excess);
+    let total = eigenvalues(found.covariance());
+    let variance = eigenvalues(solution.covariance).map(|value| value / solution.excess);
     let is_light = (1.0 / MAX_GAIN..=MAX_GAIN).contains(&gain(found));
     let [low, high] = solution.information;
     // What noise adds to the gradients is known to about one over the root of the pixels.
@@ -310,14 +345,14 @@ pub(super) fn measured(normalization: Normalization, found: &Found, status: Shif
     Shift {
         dx: found.displacement[0],
         dy: found.displacement[1],
-        covariance: solution.covariance,
+        covariance: found.covariance(),
         direction: [f64::NAN; 2],
         direction_variance: f64::INFINITY,
         gradient: [[0.0; 2]; 2],
         joint_covariance: std::array::from_fn(|i| {
             std::array::from_fn(|j| {
                 if i < 2 && j < 2 {
-                    solution.covariance[i][j]
+                    found.covariance()[i][j]
                 } else {
                     0.0
                 }

@@ -9,8 +9,9 @@ use std::cell::RefCell;
 
 use super::coordinates::{Pair, WindowAxis};
 use super::filters::{RADIUS, Taps, noise_gain, taps};
+use super::gain::KnownGain;
 use super::gram::Light;
-use super::solve::{LightScope, Solution, Solver};
+use super::solve::{LightScope, Model, Solution, Solver};
 use super::sums::{StripeSums, Tile, Tiling};
 use crate::error::Result;
 use crate::execution::Execution;
@@ -50,6 +51,8 @@ pub(super) struct Evaluation {
     pub(super) tile: usize,
     /// Over what part of the window one model of the light holds.
     pub(super) scope: LightScope,
+    /// Whether what either frame shows is known to be in both.
+    pub(super) common_structure: bool,
     /// Variance of the rounding of grey levels in one frame, in the unit of the planes.
     pub(super) rounding: f64,
 }
@@ -133,37 +136,7 @@ pub(super) fn evaluate(
             })
         },
     )?;
-    let light = Light::new(params.illumination);
-    let noise = noise_gain(&view.taps);
-    let floor = params.rounding * 2.0 * noise.sampled;
-    solver.solve(tiles, tiling, weighted, light, noise, floor, params.scope)
-}
-
-/// What the last evaluation says with another model of the light.
-pub(super) fn evaluate_again(
-    pair: Pair<'_>,
-    params: Evaluation,
-    workspace: &mut Workspace,
-) -> Result<Option<Solution>> {
-    let Some(view) = View::new(pair, params) else {
-        return Ok(None);
-    };
-    let noise = noise_gain(&view.taps);
-    let floor = params.rounding * 2.0 * noise.sampled;
-    let Workspace {
-        tiles,
-        tiling,
-        weighted,
-        solver,
-        ..
-    } = workspace;
-    let light = Light::new(params.illumination);
-    solver.solve(tiles, tiling, *weighted, light, noise, floor, params.scope)
-}
-
-/// Whether tiles with a light of their own still tell the displacement, as the last evaluation saw them.
-pub(super) fn tiles_tell(params: Evaluation, workspace: &mut Workspace) -> bool {
-    workspace.solver.tiles_tell(Light::new(params.illumination))
+    solver.solve(tiles, tiling, weighted, view.model(params))
 }
 
 /// Whether one model of the light holds for all of the window, as the last evaluation saw it.
@@ -176,9 +149,20 @@ pub(super) fn is_one_light(
         return Ok(false);
     };
     let Workspace { tiling, solver, .. } = workspace;
-    let noise = noise_gain(&view.taps);
-    let floor = params.rounding * 2.0 * noise.sampled;
-    solver.is_one_light(tiling, Light::new(params.illumination), noise, floor)
+    solver.is_one_light(tiling, view.model(params))
+}
+
+/// How the gain varies linearly over a window in one light, as the last evaluation saw it; `None` if it does not.
+pub(super) fn gain_ramp(
+    pair: Pair<'_>,
+    params: Evaluation,
+    excess: f64,
+    workspace: &Workspace,
+) -> Option<GainField> {
+    let view = View::new(pair, params)?;
+    let Workspace { tiling, solver, .. } = workspace;
+    let field = solver.gain_ramp(tiling, view.model(params), excess);
+    field.map(GainField)
 }
 
 /// How the gain varies over the window, as the last evaluation saw it; none if it varies in another way.
@@ -187,12 +171,11 @@ pub(super) fn gain_field(
     params: Evaluation,
     workspace: &mut Workspace,
 ) -> Result<GainField> {
-    let light = Light::new(params.illumination);
     let Some(view) = View::new(pair, params) else {
         return Ok(GainField::default());
     };
     let Workspace { tiling, solver, .. } = workspace;
-    let field = solver.gain_field(tiling, light, view.place, params.gain.0)?;
+    let field = solver.gain_field(tiling, view.model(params))?;
     Ok(GainField(field))
 }
 
@@ -233,6 +216,22 @@ impl<'a> View<'a> {
             }),
             gain: params.gain,
         })
+    }
+
+    /// What is known when its sums are solved.
+    fn model(&self, params: Evaluation) -> Model {
+        let noise = noise_gain(&self.taps);
+        Model {
+            light: Light::new(params.illumination),
+            scope: params.scope,
+            common_structure: params.common_structure,
+            noise,
+            floor: params.rounding * 2.0 * noise.sampled,
+            known: KnownGain {
+                field: self.gain.0,
+                place: self.place,
+            },
+        }
     }
 
     /// Where both frames may be used.

@@ -1,11 +1,10 @@
 //! From one start at a coarse level down to the displacement.
 
 use super::evaluate::{
-    Evaluation, GainField, REACH, Workspace, evaluate, evaluate_again, gain_field, is_one_light,
-    tiles_tell,
+    Evaluation, GainField, REACH, Workspace, evaluate, gain_field, gain_ramp, is_one_light,
 };
 use super::inputs::Inputs;
-use super::matrix::eigenvalues;
+use super::matrix::{Matrix, eigenvalues};
 use super::robust_covariance::SETTLED;
 use super::solve::{LightScope, Solution};
 use super::{ShiftOptions, ShiftStatus};
@@ -17,6 +16,12 @@ const COARSE_TILE: usize = 8;
 const GAIN_SETTLED: f64 = 2e-3;
 /// Below a step of this, in pixels, what is left of the differences tells whether one light holds for the window.
 const LIGHT_TOLD: f64 = 0.02;
+/// Below a step of this, in pixels, what is left of the differences tells how the gain varies,
+const RAMP_TOLD: f64 = 0.2;
+/// which is asked so often.
+const RAMP_FITS: usize = 3;
+/// One light for the window that explains the frames this well, as a correlation, has found what they have in common.
+pub(super) const COMMON_STRUCTURE: f64 = 0.9;
 /// The gain is fitted at most so often at a level: then it stands, so that the displacement can settle.
 const GAIN_FITS: usize = 2;
 /// After so many evaluations tiles are no longer merged anew, so that the displacement can settle.
@@ -37,6 +42,8 @@ pub(super) struct Guess {
     pub(super) gain: GainField,
     /// [`LightScope::Window`] or [`LightScope::Tiles`].
     pub(super) scope: LightScope,
+    /// Whether what either frame shows is known to be in both.
+    pub(super) common_structure: bool,
     /// The only direction in which to move.
     pub(super) direction: Option<[f64; 2]>,
     /// Whether to go on where one light for the window turns out not to hold.
@@ -58,6 +65,8 @@ pub(super) struct Found {
     pub(super) steady: bool,
     /// Whether one model of the light was found to hold for the whole window.
     pub(super) one_light: bool,
+    /// Covariance of what the light models, which contradict each other, may have done to the displacement.
+    pub(super) systematic: Matrix,
 }
 
 impl Found {
@@ -68,6 +77,12 @@ impl Found {
         self.matches && !(other.steady && other.matches && (others <= own || own.is_nan()))
     }
 
+    /// Covariance of the displacement.
+    pub(super) fn covariance(&self) -> Matrix {
+        let noise = self.solution.covariance;
+        std::array::from_fn(|i| std::array::from_fn(|j| noise[i][j] + self.systematic[i][j]))
+    }
+
     /// Begin where this ended, with another model of the light.
     pub(super) fn guess(&self, scope: LightScope) -> Guess {
         Guess {
@@ -75,6 +90,7 @@ impl Found {
             displacement: self.displacement,
             gain: self.gain,
             scope,
+            common_structure: self.solution.correlation > COMMON_STRUCTURE,
             direction: None,
             to_the_end: false,
         }
@@ -109,7 +125,8 @@ impl Problem<'_> {
                 ..guess
             };
             return Ok(self.gauss_newton(guess)?.map(|found| Found {
-                matches: coarse.matches || found.solution.matches_finely(),
+                matches: (coarse.matches && found.solution.holds())
+                    || found.solution.matches_finely(),
                 ..found
             }));
         }
@@ -126,6 +143,7 @@ impl Problem<'_> {
             tile: self.inputs.tile,
             rounding: self.inputs.normalization.rounding,
             scope: LightScope::Window,
+            common_structure: false,
         };
         let execution = &self.options.execution;
         let solution = evaluate(self.inputs.pair(0), params, self.workspace, execution)?;
@@ -139,7 +157,8 @@ impl Problem<'_> {
             level,
             mut displacement,
             mut gain,
-            mut scope,
+            scope,
+            common_structure,
             direction,
             to_the_end,
         }: Guess,
@@ -148,7 +167,7 @@ impl Problem<'_> {
         let pair = self.inputs.pair(level);
         let mut whole = displacement.map(f64::round);
         let mut before: Option<[f64; 2]> = None;
-        let mut fits = 0;
+        let (mut fits, mut ramps) = (0, 0);
         let mut found = None;
         for index in 0..if finest { 20 } else { 6 } {
             for (whole, exact) in whole.iter_mut().zip(displacement) {
@@ -157,7 +176,7 @@ impl Problem<'_> {
                     before = None;
                 }
             }
-            let mut params = Evaluation {
+            let params = Evaluation {
                 displacement,
                 whole,
                 illumination: self.options.illumination,
@@ -173,22 +192,12 @@ impl Problem<'_> {
                 } else {
                     scope
                 },
+                common_structure,
             };
             let solution = evaluate(pair, params, self.workspace, &self.options.execution)?;
-            let Some(mut solution) = solution else {
+            let Some(solution) = solution else {
                 return Ok(Err(ShiftStatus::TooLittleOverlap));
             };
-            // Where parts with a light of their own still tell the displacement, no simpler light is needed.
-            if scope == LightScope::Window
-                && index == 0
-                && !to_the_end
-                && tiles_tell(params, self.workspace)
-            {
-                scope = LightScope::Tiles;
-                params.scope = scope;
-                let again = evaluate_again(pair, params, self.workspace)?;
-                solution = again.unwrap_or(solution);
-            }
             let exact = direction.map_or(solution.step, |along| solution.step_along(along));
             let (step, left) = extrapolated(exact, before);
             let length = step[0].hypot(step[1]);
@@ -219,8 +228,22 @@ impl Problem<'_> {
                 matches: solution.matches(),
                 steady,
                 one_light,
+                systematic: [[0.0; 2]; 2],
             });
             let told = window && finest && !one_light && length < LIGHT_TOLD;
+            // The light of a window may vary linearly over it, and be one light all the same.
+            if window
+                && finest
+                && !one_light
+                && length < RAMP_TOLD
+                && ramps < RAMP_FITS
+                && let Some(ramp) = gain_ramp(pair, params, solution.excess, self.workspace)
+            {
+                ramps += 1;
+                gain = ramp;
+                before = None;
+                continue;
+            }
             if steady || (told && !to_the_end) {
                 break;
             }

@@ -38,6 +38,13 @@ impl Light {
     }
 }
 
+impl Light {
+    /// Unknowns of a block.
+    pub(super) fn unknowns(self) -> f64 {
+        3.0 * f64::from(u8::from(self.offset)) + f64::from(u8::from(self.gain))
+    }
+}
+
 /// A block with its light eliminated.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
@@ -49,6 +56,8 @@ pub(super) struct Block {
     /// The gain, less 1, where light takes one.
     pub(super) gain: f64,
     pub(super) residual: f64,
+    /// Where it lies, as its tiles do; for whoever cut the window to set.
+    pub(super) middle: [f64; 2],
     /// Sums of products of one, mean and difference, before anything was eliminated.
     pub(super) light: [[f64; 3]; 3],
 }
@@ -57,6 +66,30 @@ impl Block {
     pub(super) fn variance(&self) -> f64 {
         self.residual / self.degrees
     }
+
+    /// The mean grey level.
+    pub(super) fn grey(&self) -> f64 {
+        self.light[0][1] / self.count
+    }
+
+    /// What the frames have in common, and the size of what they show: their quotient is the correlation. `known` is the
+    /// gain, less 1, that the difference is already rid of.
+    pub(super) fn agreement(&self, light: Light, known: f64) -> [f64; 2] {
+        agreement(self.texture, self.gain + known, self.residual, light)
+    }
+}
+
+/// The covariance of two frames, and the size of what they show, from the energy of their mean, the symmetric gain, less
+/// 1, and what motion and light leave of the difference. Where light has a gain the size is the root of the product of
+/// both energies: a frame that shows next to nothing beside the other is no match, though a gain explains it.
+pub(super) fn agreement(texture: f64, gain: f64, residual: f64, light: Light) -> [f64; 2] {
+    let difference = residual + gain * gain * texture;
+    let size = texture + difference / 4.0;
+    let apart = if light.gain { gain * texture } else { 0.0 };
+    [
+        texture - difference / 4.0,
+        (size * size - apart * apart).max(0.0).sqrt(),
+    ]
 }
 
 impl Gram {
@@ -143,6 +176,7 @@ impl Gram {
             texture: texture.max(0.0),
             gain,
             residual: left[F_DIFFERENCE][F_DIFFERENCE].max(0.0),
+            middle: [0.0; 2],
             light: LIGHT.map(|i| LIGHT.map(|j| self.of(i, j))),
         })
     }

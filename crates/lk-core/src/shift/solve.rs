@@ -4,20 +4,14 @@
 
 use std::ops::Range;
 
-use super::coordinates::WindowAxis;
 use super::filters::NoiseGain;
-use super::gain::{Sample, gain_field};
+use super::gain::{KnownGain, MAX_GAIN, Sample, gain_field, gain_ramp, ramp_features};
 use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light, weight_of};
 use super::matrix::{Matrix, eigenvalues, inverse, quadratic};
 use super::robust_covariance::{Pull, covariance_inflation};
 use super::sums::{Tile, Tiling};
 use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
-
-/// Tiles with a light of their own that keep this share of the information tell the displacement,
-const TELLING_SHARE: f64 = 0.7;
-/// if the information is spread over this share of them.
-const STRUCTURED_SHARE: f64 = 0.33;
 
 /// Pixels for an independent sample, at the least: what the filters make of white noise.
 const PIXELS_PER_SAMPLE: f64 = 9.0;
@@ -41,8 +35,10 @@ pub(super) struct Solution {
     normal: (Matrix, [f64; 2]),
     /// What smoothness leaves of the noise that the residual shows.
     pub(super) damping: f64,
-    /// Independent samples among the pixels, from the size of their structures.
+    /// Independent samples among the pixels, from the size of their structures, less those spent on light.
     pub(super) samples: f64,
+    /// The same where the frames were searched: with one light for the window, structures may be as large as that.
+    independent: f64,
     /// Correlation of the two frames once light is taken out.
     pub(super) correlation: f64,
     /// Root mean square of what light and motion leave, in grey levels.
@@ -77,9 +73,15 @@ impl Solution {
         self.excess * quadratic(self.meat, direction) / (information * information)
     }
 
-    /// Whether the frames agree by more than chance where they were searched, taking one independent sample in
-    /// [`PIXELS_PER_SAMPLE`].
+    /// Whether the frames agree by more than chance where they were searched: by five deviations of what noise would
+    /// leave, and by half of that of what structures of the size seen would, which their light may have made agree.
     pub(super) fn matches(&self) -> bool {
+        exceeds_chance(self.correlation, 5.0, self.independent)
+            && exceeds_chance(self.correlation, 2.5, self.samples)
+    }
+
+    /// Whether what matched where the frames were searched still does, at a finer level.
+    pub(super) fn holds(&self) -> bool {
         exceeds_chance(self.correlation, 5.0, self.count / PIXELS_PER_SAMPLE)
     }
 
@@ -104,6 +106,20 @@ pub(super) enum LightScope {
     Tiles,
     /// The blocks of the last evaluation.
     HeldTiles,
+}
+
+/// What is known, or taken to be, when the sums are solved.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Model {
+    pub(super) light: Light,
+    pub(super) scope: LightScope,
+    /// Whether what either frame shows is known to be in both.
+    pub(super) common_structure: bool,
+    pub(super) noise: NoiseGain,
+    /// The least variance of a difference: grey levels are rounded.
+    pub(super) floor: f64,
+    /// What the differences are rid of.
+    pub(super) known: KnownGain,
 }
 
 /// Whether a correlation is above as many deviations of Fisher's transform, and above 0.15.
@@ -151,8 +167,11 @@ impl Merger<'_> {
     fn merge(&mut self, columns: Range<usize>, rows: Range<usize>) -> (Gram, [f64; 2]) {
         if columns.len() == 1 && rows.len() == 1 {
             let (gram, block) = &self.grams[rows.start * self.tiling.across() + columns.start];
-            self.blocks.extend(block);
-            return (*gram, self.tiling.middle(columns.start, rows.start));
+            let middle = self.tiling.middle(columns.start, rows.start);
+            let block = block.as_ref();
+            self.blocks
+                .extend(block.map(|block| Block { middle, ..*block }));
+            return (*gram, middle);
         }
         let halves = |range: &Range<usize>| {
             let middle = range.start + range.len().div_ceil(2);
@@ -184,7 +203,7 @@ impl Merger<'_> {
             && self.fits(&merged, &self.blocks[before..])
         {
             self.blocks.truncate(before);
-            self.blocks.push(merged);
+            self.blocks.push(Block { middle, ..merged });
             self.merged[number] = true;
         } else {
             self.merged[number] = false;
@@ -210,17 +229,21 @@ impl Merger<'_> {
 
 impl Solver {
     /// The weighted combination of all tiles; `None` if no tile has enough pixels.
-    #[allow(clippy::too_many_arguments, reason = "what one evaluation knows")]
     pub(super) fn solve(
         &mut self,
         tiles: &[Tile],
         tiling: &Tiling,
         weighted: bool,
-        light: Light,
-        noise: NoiseGain,
-        floor: f64,
-        scope: LightScope,
+        model: Model,
     ) -> Result<Option<Solution>> {
+        let Model {
+            light,
+            scope,
+            common_structure,
+            noise,
+            floor,
+            known,
+        } = model;
         let mut laplacian = 0.0;
         self.reduced = scope != LightScope::Window;
         let reduced = self.reduced;
@@ -243,13 +266,20 @@ impl Solver {
             return Ok(None);
         }
         let blocks = &self.blocks;
-        sort_by_variance(blocks, &mut self.order)?;
-        // A flat block fits everywhere and tells nothing.
-        let typical = quantile(&self.order, 0.3, |block| block.information).max(floor);
+        sort_by_variance(blocks, noise, floor, &mut self.order)?;
+        // A flat block fits everywhere and tells nothing. The border of a shadow tells nothing either, though it is the
+        // steepest that a frame shows: gradients count only where both frames are known to have them.
+        let typical = if common_structure {
+            quantile(&self.order, 0.3, |block| block.information)
+        } else {
+            quantile(&self.order, 0.3, |block| block.telling)
+        }
+        .max(floor);
         let mut a = [[0.0; 2]; 2];
         let mut b = [0.0; 2];
         let mut c = [[0.0; 2]; 2];
         let (mut texture, mut residual, mut degrees, mut weights) = (0.0, 0.0, 0.0, 0.0);
+        let (mut shared, mut size) = (0.0, 0.0);
         let mut noise_part = [0.0; 2];
         let mut overall = [[0.0; 3]; 3];
         // Where the gradients' energy lies in frequency: the smoothing of the frames damps noise there.
@@ -275,6 +305,12 @@ impl Solver {
             }
             weights += weight * block.count;
             texture += weight * block.texture;
+            let [block_shared, block_size] = {
+                let pixels = block.middle.map(|value| value * tiling.unit());
+                block.agreement(light, known.at(pixels, block.grey()))
+            };
+            shared += weight * block_shared;
+            size += weight * block_size;
             residual += weight * block.residual;
             degrees += weight * block.degrees;
             for (to, from) in overall
@@ -309,6 +345,12 @@ impl Solver {
             let pulls = tiles.map(|block| Pull::of_block(block, step, typical, floor));
             covariance_inflation(pulls, clean, share)
         };
+        // Each block spends some on its own light.
+        let light_unknowns = self.blocks.len() as f64 * light.unknowns();
+        let most = pixels / PIXELS_PER_SAMPLE;
+        let structure = pixels * (clean[0][0] + clean[1][1]).max(0.0)
+            / (std::f64::consts::TAU * texture.max(1e-12));
+        let samples = most.min(structure) - light_unknowns;
         let noise_floor = ((noise_part[0] + noise_part[1]) / 2.0).max(1e-9 * weights);
         Ok(Some(Solution {
             step,
@@ -318,12 +360,14 @@ impl Solver {
             meat: c,
             normal: (a, b),
             damping: damped,
-            samples: (pixels / PIXELS_PER_SAMPLE).min(
-                pixels * (clean[0][0] + clean[1][1]).max(0.0)
-                    / (std::f64::consts::TAU * texture.max(1e-12)),
-            ),
+            samples,
+            independent: if scope == LightScope::Window {
+                samples
+            } else {
+                most
+            },
             information: eigenvalues(clean).map(|value| value / noise_floor),
-            correlation: (texture - residual / 4.0) / (texture + residual / 4.0).max(1e-12),
+            correlation: shared / size.max(1e-12),
             residual: (residual / degrees).sqrt(),
             alpha,
             beta,
@@ -344,7 +388,9 @@ impl Solver {
             gram.add(&tile.moved(tiling.from(index, middle)));
         }
         self.blocks.clear();
-        self.blocks.extend(gram.reduce(light));
+        let block = gram.reduce(light);
+        self.blocks
+            .extend(block.map(|block| Block { middle, ..block }));
         (gram, middle)
     }
 
@@ -386,41 +432,16 @@ impl Solver {
         }
     }
 
-    /// Whether the tiles, each with a light of its own, still tell the displacement: there is structure in many of them,
-    /// and in the direction in which they tell least they tell most of what they do with one light for the window.
-    pub(super) fn tiles_tell(&mut self, light: Light) -> bool {
-        let Some(whole) = self
-            .blocks
-            .first()
-            .map(|block| eigenvalues(block.gradient)[0])
-        else {
-            return false;
-        };
-        if !light.offset {
-            return false;
-        }
-        self.reduce_tiles(light);
-        let mut kept = [[0.0; 2]; 2];
-        let (mut sum, mut squares) = (0.0, 0.0);
-        for block in self.grams.iter().filter_map(|(_, block)| block.as_ref()) {
-            for (to, from) in (kept.iter_mut().flatten()).zip(block.gradient.as_flattened()) {
-                *to += from;
-            }
-            let trace = block.gradient[0][0] + block.gradient[1][1];
-            sum += trace;
-            squares += trace * trace;
-        }
-        let structured = sum * sum > STRUCTURED_SHARE * squares * self.grams.len() as f64;
-        structured && eigenvalues(kept)[0] > TELLING_SHARE * whole
-    }
-
     /// Whether one model of the light holds for all of the window, as far as the tiles of the last evaluation tell.
     pub(super) fn is_one_light(
         &mut self,
         tiling: &Tiling,
-        light: Light,
-        noise: NoiseGain,
-        floor: f64,
+        Model {
+            light,
+            noise,
+            floor,
+            ..
+        }: Model,
     ) -> Result<bool> {
         self.reduce_tiles(light);
         self.merge(tiling, light, noise, floor, false)?;
@@ -455,17 +476,52 @@ impl Solver {
             })
     }
 
-    /// How the gain varies, from the tiles of the last solution, whose differences are rid of the field `known`.
+    /// How the gain varies linearly over the window, from the sums over the tiles as one system with the displacement;
+    /// `None` unless that explains more than chance, with an `excess` of what is left over noise.
+    pub(super) fn gain_ramp(
+        &self,
+        tiling: &Tiling,
+        Model {
+            light,
+            noise,
+            floor,
+            known,
+            ..
+        }: Model,
+        excess: f64,
+    ) -> Option<[f64; 4]> {
+        if !light.gain {
+            return None;
+        }
+        let middle = tiling.center();
+        let tiles = self.grams.iter().enumerate().map(|(index, (tile, _))| {
+            let pixels = tiling.middle_pixels(index % tiling.across(), index / tiling.across());
+            let at = [known.place[0].of(pixels[0]), known.place[1].of(pixels[1])];
+            let unit = known.place.map(|axis| axis.step() * tiling.unit());
+            let features = ramp_features(tile, tiling.from(index, middle), at, unit);
+            (*tile, features)
+        });
+        let ramp = gain_ramp(tiles, excess / noise.sampled, floor)?;
+        let [constant, along_x, along_y, curve] = known.field;
+        let field = [
+            constant + ramp[0],
+            along_x + ramp[1],
+            along_y + ramp[2],
+            curve,
+        ];
+        let largest: f64 = field[..3].iter().map(|value| value.abs()).sum();
+        (largest < MAX_GAIN).then_some(field)
+    }
+
+    /// How the gain varies, from the tiles of the last solution, whose differences are rid of `known`.
     pub(super) fn gain_field(
         &mut self,
         tiling: &Tiling,
-        light: Light,
-        place: [WindowAxis; 2],
-        known: [f64; 4],
+        Model { light, known, .. }: Model,
     ) -> Result<[f64; 4]> {
         if light.gain {
             self.reduce_tiles(light);
-            gain_field(&self.grams, tiling, place, known, &mut self.samples)
+            gain_field(&self.grams, tiling, known, &mut self.samples)
         } else {
             Ok([0.0; 4])
         }
@@ -479,14 +535,28 @@ struct Ranked {
     count: f64,
     /// Sum of squared gradients.
     information: f64,
+    /// Pixels, by the share of the squared gradients that noise does not explain.
+    telling: f64,
 }
 
 /// The blocks in the order of their residual variances.
-fn sort_by_variance(blocks: &[Block], order: &mut Vec<Ranked>) -> Result<()> {
-    let ranked = blocks.iter().map(|block| Ranked {
-        variance: block.variance(),
-        count: block.count,
-        information: block.gradient[0][0] + block.gradient[1][1],
+fn sort_by_variance(
+    blocks: &[Block],
+    noise: NoiseGain,
+    floor: f64,
+    order: &mut Vec<Ranked>,
+) -> Result<()> {
+    let ranked = blocks.iter().map(|block| {
+        let energy = block.gradient[0][0] + block.gradient[1][1];
+        // The mean of two frames has a quarter of the variance of their difference.
+        let in_band = block.variance().max(floor) / noise.sampled / 4.0;
+        let of_noise = block.count * in_band * (noise.gradient[0] + noise.gradient[1]);
+        Ranked {
+            variance: block.variance(),
+            count: block.count,
+            information: energy,
+            telling: block.count * (1.0 - of_noise / energy.max(1e-12)).max(0.0),
+        }
     });
     replace("tiles", order, ranked)?;
     order.sort_unstable_by(|a, b| {

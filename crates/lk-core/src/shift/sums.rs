@@ -101,6 +101,11 @@ impl Tiling {
             .map(|cuts| cuts.last().map_or(0.0, |end| *end as f64 / 2.0) / f64::from(self.size))
     }
 
+    /// Pixels in the unit of x and y.
+    pub(super) fn unit(&self) -> f64 {
+        f64::from(self.size)
+    }
+
     /// From `point` to the middle of a tile, in the unit of x and y.
     pub(super) fn from(&self, tile: usize, point: [f64; 2]) -> [f64; 2] {
         let middle = self.middle(tile % self.across(), tile / self.across());
