@@ -7,6 +7,7 @@ use crate::illumination::Illumination;
 use crate::parallel::both;
 use crate::pyramid::Pyramid;
 
+use super::chance::Count;
 use super::confidence::Judged;
 use super::light::Light;
 use super::looks::Looks;
@@ -14,7 +15,7 @@ use super::options::{DenseHints, DenseOptions, LevelRecipe, RefineRecipe};
 use super::padded_plane::{self, PaddedPlane};
 use super::refine::RoundOptions;
 use super::step::StepOptions;
-use super::trend::{Sample, Trend};
+use super::trend::{Samples, Trend};
 use super::windows::Views;
 use super::{half_round, median, propagate, refine, step, upsample};
 
@@ -33,6 +34,7 @@ pub(super) struct Memory {
     /// The best flow of the coarse levels so far, and its light.
     pub(super) best: [PaddedPlane; 2],
     pub(super) best_light: Light,
+    best_trend: Trend,
     /// The coarse levels of `prev` as they came.
     pub(super) coarse: Vec<Plane>,
     pub(super) energy: PaddedPlane,
@@ -41,10 +43,12 @@ pub(super) struct Memory {
     pub(super) support: Judged,
     /// What most of the flow does.
     pub(super) trend: Trend,
-    samples: Vec<Sample>,
+    samples: Samples,
+    pub(super) counts: Vec<Count>,
     /// The flow of the displacements that fit best, and how well they do.
     pub(super) found: [PaddedPlane; 2],
     pub(super) found_energy: PaddedPlane,
+    pub(super) found_trend: Trend,
     pub(super) light: Light,
     looks: Looks,
     pub(super) weights: Vec<Plane>,
@@ -75,11 +79,19 @@ impl Memory {
     /// Keep the flow as the best so far; what is in `flow` afterwards is unspecified.
     pub(super) fn keep_flow(&mut self) {
         std::mem::swap(&mut self.flow, &mut self.best);
+        self.best_trend = self.trend;
+    }
+
+    /// Take the best flow again.
+    pub(super) fn take_best_flow(&mut self) {
+        std::mem::swap(&mut self.flow, &mut self.best);
+        self.trend = self.best_trend;
     }
 
     /// Set the flow on `level`, the one to begin with.
     fn start(&mut self, pyramid: &Pyramid, level: usize, hints: DenseHints<'_>) -> Result<()> {
         self.halved = None;
+        self.trend = Trend::default();
         let plane = &pyramid.levels()[level];
         // What went further than the frame reaches is not in it; NaN is not within either.
         let reach = pyramid.levels()[0]
@@ -267,6 +279,7 @@ impl CoarseToFine<'_> {
             centred: self.options.illumination != Illumination::None,
             damping: recipe.damping,
             max_step: recipe.max_step,
+            measures: false,
         }
     }
 
@@ -280,7 +293,7 @@ impl CoarseToFine<'_> {
             samples,
             ..
         } = &mut *self.memory;
-        *trend = Trend::of(flow.each_ref(), *halved, samples)?;
+        *trend = Trend::of(flow.each_ref(), *halved, trend.slopes, samples)?;
         let trend = *trend;
         let [low, high] = AFFINE;
         let affine = if level < self.first.min(2) {
@@ -310,10 +323,17 @@ impl CoarseToFine<'_> {
     ) -> Result<()> {
         self.guessing = radii.is_some();
         let start = if self.found {
-            let Memory { flow, found, .. } = &mut *self.memory;
+            let Memory {
+                flow,
+                found,
+                trend,
+                found_trend,
+                ..
+            } = &mut *self.memory;
             for (flow, found) in flow.iter_mut().zip(found) {
                 flow.copy_from(found)?;
             }
+            *trend = *found_trend;
             first
         } else {
             let level = if self.short {
@@ -376,24 +396,29 @@ impl CoarseToFine<'_> {
                 energy,
                 judged,
                 weights,
+                trend,
                 ..
             } = &mut *self.memory;
             let weights = self.weighted.then_some(&**weights);
             let views = views(self.prev, self.next, level, [u, v], *halved, weights);
             let to = (&mut *to_u, &mut *to_v, &mut *energy);
             // Distances in pixels of the grid that the step is taken on.
-            let (distance, spacing) = if sparse {
+            let (distance, spacing, across) = if sparse {
                 step::sparse_step(views, &options, to, judges.then_some(judged), execution)?;
                 self.judged |= judges;
                 *halved = Some(1.0);
-                (of_level.distance.div_ceil(2), of_level.median.div_ceil(2))
+                let half = |distance: usize| distance.div_ceil(2);
+                (half(of_level.distance), half(of_level.median), 2.0)
             } else {
                 step::step(views, &options, to, execution)?;
-                (of_level.distance, of_level.median)
+                (of_level.distance, of_level.median, 1.0)
             };
             if distance > 0 {
                 let (from, to) = ((&*to_u, &*to_v), (&mut *u, &mut *v));
-                propagate::propagate(from, energy, distance, match_ratio, to, execution)?;
+                let slopes = trend
+                    .common_slopes()
+                    .map(|axis| axis.map(|slope| slope * across));
+                propagate::propagate(from, energy, (distance, slopes), match_ratio, to, execution)?;
             } else {
                 std::mem::swap(u, to_u);
                 std::mem::swap(v, to_v);
@@ -426,9 +451,9 @@ impl CoarseToFine<'_> {
         if half_rounds + rounds == 0 {
             return Ok(());
         }
-        let options = self.round_options(level)?;
         for round in 0..half_rounds + rounds {
             execution.check()?;
+            let options = self.round_options(level)?;
             let half = round < half_rounds;
             let finest = self.options.recipe.finest;
             let judges = once && level == finest && round + 1 == half_rounds + rounds;

@@ -26,19 +26,22 @@ const MISFIT: f32 = 1.0;
 /// Mean squared differences that noise explains, in squared grey levels.
 const NOISE: f32 = 16.0;
 
-/// A window whose mean squared difference is above this many times its texture holds noise and nothing else: noise alone
+/// A window whose mean squared difference is above this many times its texture may hold noise and nothing else: noise alone
 /// gives 16 times.
-const DROWNED: f32 = 6.0;
+const DROWNED: f32 = 3.0;
 
 /// Mean squared differences that a blur leaves, as a share of the trace of the structure tensor, above those of strong
 /// noise, in squared grey levels: what is uncovered, or has no match, leaves more.
 const BLUR: f32 = 2.0;
 const STRONG_NOISE: f32 = 32.0;
 
+/// What is said of windows that are not all there, or hold too little texture.
+pub(super) const NOTHING: f32 = f32::MIN;
+
 /// What was found, at pixel (2x, 2y) of the level.
 #[derive(Debug, Default)]
 pub(super) struct Judged {
-    /// At least 0 where all is well.
+    /// At least 0 where all is well, [`NOTHING`] where the window has nothing to measure.
     pub(super) fit: PaddedPlane,
     /// At least 0 where the window does not speak against the flow: it may be drowned or blurred.
     pub(super) bearable: PaddedPlane,
@@ -94,6 +97,7 @@ pub(super) struct Judge<'a, F> {
     strong_noise: F,
     zero: F,
     half: F,
+    nothing: F,
 }
 
 impl<'a, F: Floats> Judge<'a, F> {
@@ -118,31 +122,46 @@ impl<'a, F: Floats> Judge<'a, F> {
             strong_noise: s.splat(STRONG_NOISE),
             zero: s.splat(0.0),
             half: s.splat(0.5),
+            nothing: s.splat(NOTHING),
         }
+    }
+
+    /// Write what the `i`-th group is judged by instead: pixels that count, texture, and mean squared difference after a
+    /// step along x and y.
+    #[inline(always)]
+    pub(super) fn put_measures(&mut self, i: usize, moments: Moments<F>, step: [F; 2]) {
+        let [texture, energy] = self.measures(moments, step);
+        (moments[0] - self.enough).put(&mut self.fit[i]);
+        texture.put(&mut self.bearable[i]);
+        energy.put(&mut self.misfit[i]);
+    }
+
+    /// The smaller eigenvalue of the structure tensor, and what the least squares say of the mean squared difference after
+    /// the step.
+    #[inline(always)]
+    fn measures(
+        &self,
+        [_, xx, xy, yy, xd, yd, dd]: Moments<F>,
+        [step_x, step_y]: [F; 2],
+    ) -> [F; 2] {
+        let difference = (xx - yy) * self.half;
+        let root = (difference * difference + xy * xy).sqrt();
+        let texture = ((xx + yy) * self.half - root).max(self.zero);
+        let change = step_x * (xx * step_x + xy * step_y + xd + xd)
+            + step_y * (xy * step_x + yy * step_y + yd + yd);
+        [texture, (dd + change).max(self.zero)]
     }
 
     /// Judge the `i`-th group, of the moments before a step along x and y.
     #[inline(always)]
-    pub(super) fn put(
-        &mut self,
-        i: usize,
-        [n, xx, xy, yy, xd, yd, dd]: Moments<F>,
-        [step_x, step_y]: [F; 2],
-    ) {
-        let difference = (xx - yy) * self.half;
-        let root = (difference * difference + xy * xy).sqrt();
-        let texture = ((xx + yy) * self.half - root).max(self.zero);
-        // What the least squares say of the difference after the step.
-        let change = step_x * (xx * step_x + xy * step_y + xd + xd)
-            + step_y * (xy * step_x + yy * step_y + yd + yd);
-        let energy = (dd + change).max(self.zero);
+    pub(super) fn put(&mut self, i: usize, moments: Moments<F>, step: [F; 2]) {
+        let [texture, energy] = self.measures(moments, step);
+        let [n, xx, _, yy, ..] = moments;
         // Each term is negative where something is amiss.
         let fits = (self.noise + self.misfit_share * texture).min(self.drowned * texture) - energy;
         let all_there = n - self.enough;
-        all_there
-            .min(texture - self.texture)
-            .min(fits)
-            .put(&mut self.fit[i]);
+        let told = all_there.min(texture - self.texture);
+        F::select(self.zero.le(told), fits, self.nothing).put(&mut self.fit[i]);
         let most = self.strong_noise + self.blur * (xx + yy);
         all_there.min(most - energy).put(&mut self.bearable[i]);
         energy.sqrt().put(&mut self.misfit[i]);

@@ -10,6 +10,7 @@ use crate::seeds::Seeds;
 
 use super::coarse_to_fine::{CoarseToFine, Memory};
 use super::padded_plane;
+use super::trend::Trend;
 
 /// Motion is looked for where the misfit of windows is above this share of their contrast: unrelated windows have 1.4
 /// times their contrast, windows that match next to nothing, and under light that is not modelled yet up to half.
@@ -57,25 +58,32 @@ impl CoarseToFine<'_> {
                 grid.resize(plane.width(), plane.height())?;
                 grid.fill((value / scale) as f32);
             }
+            self.memory.trend = Trend::default();
             self.level(level, false)?;
             self.whole(level)?;
             self.memory.widen_energy()?;
             self.memory.keep_what_fits();
         }
         std::mem::swap(&mut self.memory.flow, &mut self.memory.found);
+        self.memory.trend = Trend::default();
         self.level(level, false)?;
         self.whole(level)?;
         let better = self.memory.misfit() < FOUND * before;
-        let Memory {
-            flow, best, found, ..
-        } = &mut *self.memory;
         if !better {
-            std::mem::swap(flow, best);
+            self.memory.take_best_flow();
             return Ok(false);
         }
+        let Memory {
+            flow,
+            found,
+            trend,
+            found_trend,
+            ..
+        } = &mut *self.memory;
         for (found, flow) in found.iter_mut().zip(&*flow) {
             found.copy_from(flow)?;
         }
+        *found_trend = *trend;
         Ok(true)
     }
 }

@@ -8,7 +8,8 @@
 //! `next` ([`light`], [`photometric_align`]). Motion that the coarsest level cannot see is looked for where windows are left
 //! without a match ([`large_motion`]). Whether either may be called for is asked beside the coarsest levels ([`looks`]). The
 //! last step or round also judges how well its windows fit ([`confidence`]), a coarse level says whether the flow is supported
-//! where the finest one cannot ([`support`]), and what is not to be trusted is marked ([`validity`]).
+//! where the finest one cannot ([`support`]), and what is not to be trusted is marked ([`validity`]), or fits by chance
+//! ([`chance`]).
 //!
 //! What steps and rounds of refinement share is a stream of rows of window sums ([`windows`]): warped ([`warp`]), summed
 //! down ([`sum_down`]) and across ([`moments`]), in strips of columns where the picture is wide ([`tiles`]).
@@ -36,6 +37,7 @@ macro_rules! by_radius {
     };
 }
 
+mod chance;
 mod coarse_to_fine;
 mod confidence;
 mod field;
@@ -345,8 +347,10 @@ impl DenseFlow {
             given,
             judged,
             support,
+            trend,
+            counts,
             ..
-        } = &*memory;
+        } = memory;
         let input = Views {
             prev: &prev.pyramid.levels()[0],
             next: &next.pyramid.levels()[0],
@@ -355,17 +359,18 @@ impl DenseFlow {
             halved: *halved,
             weight: counted.then(|| &weights[0]),
         };
-        let given = weighted.then_some(given);
+        let given = weighted.then_some(&*given);
         let bad = Some(&next.finite).filter(|plane| plane.width() > 0);
-        let slopes = memory.trend.slopes;
+        let slopes = trend.slopes;
         validity::mark(
             input,
-            (judged, &support.fit),
+            (&*judged, &support.fit),
             (given, bad),
             (slopes, unit),
             field,
             execution,
-        )
+        )?;
+        chance::clear(field, judged, counts)
     }
 }
 

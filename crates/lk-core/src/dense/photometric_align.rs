@@ -68,14 +68,10 @@ impl CoarseToFine<'_> {
                 break;
             }
         }
+        self.memory.take_best_flow();
         let Memory {
-            flow,
-            best,
-            light,
-            best_light,
-            ..
+            light, best_light, ..
         } = &mut *self.memory;
-        std::mem::swap(flow, best);
         std::mem::swap(light, best_light);
         if lit.is_some() {
             self.short = best_short;

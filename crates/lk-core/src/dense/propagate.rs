@@ -8,13 +8,15 @@ use crate::parallel::{even_bands, for_each_band};
 use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
 
 use super::padded_plane::{self, PAD, PaddedPlane};
+use super::trend::Slopes;
 
-/// Write to `to` the flow of `from` at the best of the pixel itself and its eight neighbours `distance` pixels away,
-/// which must have less than the share `better` of the pixel's own energy.
+/// Write to `to` the flow of `from` at the best of the pixel itself and its eight neighbours `distance` elements away,
+/// which must have less than the share `better` of the pixel's own energy. What is taken from a neighbour is brought here
+/// along `slopes`, what u and v change by from an element to the next.
 pub(super) fn propagate(
     from: (&PaddedPlane, &PaddedPlane),
     energy: &PaddedPlane,
-    distance: usize,
+    (distance, slopes): (usize, Slopes),
     better: f32,
     to: (&mut PaddedPlane, &mut PaddedPlane),
     execution: &Execution,
@@ -23,6 +25,7 @@ pub(super) fn propagate(
     to.0.resize(width, height)?;
     to.1.resize(width, height)?;
     let level = execution.simd_level();
+    let slopes = slopes.map(|axis| axis.map(|slope| slope * distance as f32));
     for_each_band(
         execution,
         height,
@@ -42,6 +45,7 @@ pub(super) fn propagate(
                     v: near.map(|y| from.1.padded(y)),
                     energy: near.map(|y| energy.padded(y)),
                     distance,
+                    slopes,
                     better,
                     to: [&mut *to_u, &mut *to_v],
                 };
@@ -59,12 +63,27 @@ struct PropagateRow<'a> {
     v: [&'a [f32]; 3],
     energy: [&'a [f32]; 3],
     distance: usize,
+    /// What u and v change by over the distance.
+    slopes: Slopes,
     better: f32,
     to: [&'a mut [f32]; 2],
 }
 
 /// The pixel's group of lanes, then those of its neighbours, in the order in which ties are settled.
 type Around<'a> = [&'a [[f32; LANES]]; 9];
+
+/// Where each of them stands.
+const STANDS: [[f32; 2]; 9] = [
+    [0.0, 0.0],
+    [-1.0, -1.0],
+    [0.0, -1.0],
+    [1.0, -1.0],
+    [-1.0, 0.0],
+    [1.0, 0.0],
+    [-1.0, 1.0],
+    [0.0, 1.0],
+    [1.0, 1.0],
+];
 
 impl PropagateRow<'_> {
     #[inline(always)]
@@ -93,6 +112,7 @@ impl LaneKernel for PropagateRow<'_> {
         let [to_u, to_v] = self.to;
         let (to_u, to_v) = (blocks_mut(to_u, PAD, count), blocks_mut(to_v, PAD, count));
         let better = s.splat(self.better);
+        let along = STANDS.map(|[x, y]| self.slopes.map(|slopes| slopes[0] * x + slopes[1] * y));
         for i in 0..count {
             let mut best = s.get(&energy[0][i]) * better;
             let (mut best_u, mut best_v) = (s.get(&u[0][i]), s.get(&v[0][i]));
@@ -101,8 +121,9 @@ impl LaneKernel for PropagateRow<'_> {
                     let other = s.get(&energy[$k][i]);
                     let wins = other.lt(best);
                     best = S::F::select(wins, other, best);
-                    best_u = S::F::select(wins, s.get(&u[$k][i]), best_u);
-                    best_v = S::F::select(wins, s.get(&v[$k][i]), best_v);
+                    let [along_u, along_v] = along[$k];
+                    best_u = S::F::select(wins, s.get(&u[$k][i]) - s.splat(along_u), best_u);
+                    best_v = S::F::select(wins, s.get(&v[$k][i]) - s.splat(along_v), best_v);
                 )+};
             }
             neighbour!(1 2 3 4 5 6 7 8);

@@ -25,6 +25,8 @@ pub(super) struct StepOptions {
     pub(super) damping: f32,
     /// The longest step along each axis, in pixels.
     pub(super) max_step: f32,
+    /// Whether windows are not judged, but what they would be judged by is written.
+    pub(super) measures: bool,
 }
 
 /// Write the flow after one step, and the mean squared difference of each window before it.
@@ -249,7 +251,11 @@ impl<const N: usize> LaneKernel for Sparse<'_, N> {
             let [even, _] = reader.moments(i);
             let [u, v, energy] = limits.solve(even);
             if let Some(judge) = &mut judge {
-                judge.put(i, even, [u, v]);
+                if options.measures {
+                    judge.put_measures(i, even, [u, v]);
+                } else {
+                    judge.put(i, even, [u, v]);
+                }
             }
             let (before_u, before_v) = if self.halved.is_some() {
                 let at = PAD + i * LANES;

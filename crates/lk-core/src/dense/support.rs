@@ -1,12 +1,14 @@
 //! What a coarse level says of the flow that was found.
 //!
 //! Where the finest level is drowned in noise, blurred or without texture of its own, larger windows may still tell whether
-//! the flow is right: they would hardly move it.
+//! the flow is right: by how far they would move it, and how well they know that. Noise adds to the structure tensor and
+//! makes steps short, as does damping: both are taken out before the steps are weighed and averaged.
 
 use crate::error::Result;
 
 use super::coarse_to_fine::{CoarseToFine, Memory};
-use super::padded_plane::{self, PaddedPlane};
+use super::confidence::Judged;
+use super::padded_plane::{self, PAD, PaddedPlane};
 use super::step::{self, StepOptions};
 use super::windows::Views;
 
@@ -14,8 +16,21 @@ use super::windows::Views;
 const LEVEL: usize = 2;
 /// Half its windows, in pixels of the level.
 const RADIUS: usize = 3;
-/// The flow is supported where they would move it by less, in pixels of the level.
-const AGREES: f32 = 0.15;
+/// The flow is supported where the mean step around and its deviation together are less, in pixels of the level.
+const AGREES: f32 = 0.25;
+/// Half the square of windows whose steps are averaged; they stand two pixels apart.
+const AROUND: usize = 2;
+/// Mean squared differences that noise alone has, as a multiple of the smaller eigenvalue of its structure tensor.
+const NOISE: f32 = 10.0;
+/// The share of the smaller eigenvalue that must not come from noise.
+const SIGNAL: f32 = 0.25;
+/// The least eigenvalue that is texture, and the noise of the quietest pictures, in squared grey levels.
+const TEXTURE: f32 = 0.02;
+const QUIET: f32 = 0.02;
+/// Pixels of a window that are independent of each other: the filter of the pyramid joins neighbours.
+const INDEPENDENT: f32 = 25.0;
+/// No step is known better, in pixels of the level.
+const FLOOR: f32 = 0.02;
 /// Beside the support at pixel (x, y) lies that of the pixels of the grid of judgements from there on.
 pub(super) const APART: usize = 1 << LEVEL;
 
@@ -30,6 +45,7 @@ impl CoarseToFine<'_> {
         let options = StepOptions {
             radius: RADIUS,
             max_step: 1.0,
+            measures: true,
             ..self.step_options(LEVEL)
         };
         let Memory {
@@ -54,18 +70,95 @@ impl CoarseToFine<'_> {
             halved: None,
             weight: self.weighted.then(|| &weights[LEVEL]),
         };
-        let to = (&mut *to_u, &mut *to_v, energy);
+        let to = (&mut *to_u, &mut *to_v, &mut *energy);
         step::sparse_step(views, &options, to, Some(&mut *support), self.execution)?;
+        weigh([u, v], [to_u, to_v], options.damping, support);
+        sum_around(support, [to_u, to_v, energy]);
         for y in 0..support.fit.height() {
+            let (weights, [u, v]) = (to_u.row(y), [to_v.row(y), energy.row(y)]);
             let row = support.fit.padded_mut(y);
-            let (before, after) = ([u.row(2 * y), v.row(2 * y)], [to_u.row(y), to_v.row(y)]);
             for x in 0..width.div_ceil(2) {
-                let [du, dv] = [0, 1].map(|axis| after[axis][x] - before[axis][2 * x]);
-                let fit = &mut row[padded_plane::PAD + x];
-                *fit = fit.min(AGREES * AGREES - (du * du + dv * dv));
+                let own = &mut row[PAD + x];
+                *own = if *own > 0.0 {
+                    AGREES - unsure_step(weights[x], [u[x], v[x]])
+                } else {
+                    -1.0
+                };
             }
         }
         Ok(())
+    }
+}
+
+/// Replace what was measured of each window by the weight of its step, and that times the step along x and along y.
+fn weigh(before: [&PaddedPlane; 2], after: [&PaddedPlane; 2], damping: f32, measured: &mut Judged) {
+    let (width, height) = (measured.fit.width(), measured.fit.height());
+    for y in 0..height {
+        let [count, texture, energy] = [
+            &mut measured.fit,
+            &mut measured.bearable,
+            &mut measured.misfit,
+        ]
+        .map(|grid| grid.padded_mut(y));
+        let (before, after) = (
+            before.map(|grid| grid.row(2 * y)),
+            after.map(|grid| grid.row(y)),
+        );
+        for x in 0..width {
+            let at = PAD + x;
+            let energies = energy[at] + QUIET;
+            let signal = texture[at] - energies / NOISE;
+            let told = count[at] >= 0.0 && texture[at] >= TEXTURE && signal >= SIGNAL * texture[at];
+            if !told {
+                [count[at], texture[at], energy[at]] = [0.0; 3];
+                continue;
+            }
+            let variance = energies * texture[at] / (INDEPENDENT * signal * signal);
+            let weight = 1.0 / (variance + FLOOR * FLOOR);
+            let longer = weight * (texture[at] + damping) / signal;
+            let [u, v] = [0, 1].map(|axis| after[axis][x] - before[axis][2 * x]);
+            [count[at], texture[at], energy[at]] = [weight, longer * u, longer * v];
+        }
+    }
+}
+
+/// Write the sums of the three grids over the squares around each window.
+fn sum_around(weighed: &Judged, to: [&mut PaddedPlane; 3]) {
+    let grids = [&weighed.fit, &weighed.bearable, &weighed.misfit];
+    for (grid, to) in grids.into_iter().zip(to) {
+        let (width, height) = (grid.width(), grid.height());
+        for y in 0..height {
+            let rows = y.saturating_sub(AROUND)..(y + AROUND + 1).min(height);
+            let down = to.padded_mut(y);
+            down.fill(0.0);
+            for near in rows {
+                for (sum, value) in down[PAD..PAD + width].iter_mut().zip(grid.row(near)) {
+                    *sum += value;
+                }
+            }
+            // Along the row each sum replaces one that is not needed any more: those ahead still are.
+            let mut behind = [0.0; AROUND];
+            for x in PAD..PAD + width {
+                let here = down[x];
+                let ahead: f32 = down[x + 1..=x + AROUND].iter().sum();
+                down[x] = behind.iter().sum::<f32>() + here + ahead;
+                behind.rotate_left(1);
+                behind[AROUND - 1] = here;
+            }
+        }
+    }
+}
+
+/// The length of a mean step and its deviation together, from the sums of the weights and of the weighted steps.
+fn unsure_step(weight: f32, [u, v]: [f32; 2]) -> f32 {
+    // Windows that overlap are not independent: the square holds fewer pixels than they do together.
+    let (side, across) = (2 * RADIUS + 1, 2 * AROUND + 1);
+    let square = (side + 2 * (across - 1)) as f32;
+    let overlap = square * square / (side * side * across * across) as f32;
+    if weight > 0.0 {
+        (u * u + v * v).sqrt() / weight + 1.0 / (overlap * weight).sqrt()
+    } else {
+        f32::MAX
     }
 }
 
@@ -88,4 +181,48 @@ fn subsample(
         padded_plane::extend(row, width);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_are_those_of_the_squares_around() {
+        for (width, height) in [(1, 1), (3, 9), (17, 6)] {
+            let mut judged = Judged::default();
+            judged.resize(2 * width, 2 * height).unwrap();
+            let value = |x: usize, y: usize| (7 * x + 31 * y) as f32 % 13.0;
+            for y in 0..height {
+                for x in 0..width {
+                    judged.misfit.padded_mut(y)[PAD + x] = value(x, y);
+                }
+            }
+            let mut to: [PaddedPlane; 3] = Default::default();
+            for grid in &mut to {
+                grid.resize(width, height).unwrap();
+            }
+            sum_around(&judged, to.each_mut());
+            for y in 0..height {
+                for x in 0..width {
+                    let rows = y.saturating_sub(AROUND)..(y + AROUND + 1).min(height);
+                    let want: f32 = rows
+                        .flat_map(|y| {
+                            let columns = x.saturating_sub(AROUND)..(x + AROUND + 1).min(width);
+                            columns.map(move |x| value(x, y))
+                        })
+                        .sum();
+                    assert_eq!(to[2].row(y)[x], want, "{width} {height}: {x} {y}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_mean_step_without_weight_is_unsure() {
+        assert_eq!(unsure_step(0.0, [0.0; 2]), f32::MAX);
+        assert!(unsure_step(1e6, [1e5, 0.0]) < AGREES);
+        assert!(unsure_step(1e6, [3e5, 0.0]) > AGREES);
+        assert!(unsure_step(1.0, [0.0; 2]) > AGREES);
+    }
 }

@@ -29,6 +29,9 @@ const PLENTY: f32 = 0.9;
 /// Where fewer do there is no motion that most of the flow follows.
 const ENOUGH: f32 = 0.4;
 
+/// Flow is brought along the slopes where at least as many follow them.
+const COMMON: f32 = 0.7;
+
 /// What most of a flow does.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Trend {
@@ -36,6 +39,8 @@ pub(super) struct Trend {
     pub(super) slopes: Slopes,
     /// The share of the flow that is nothing else.
     pub(super) affine: f32,
+    /// The share of the flow that is near.
+    share: f32,
 }
 
 /// Planes of u and v over coordinates of -1 to 1.
@@ -43,30 +48,54 @@ type Planes = [[f64; 3]; 2];
 
 impl Trend {
     /// The trend of u and v; `halved` is what their values are multiplied by if they are of half the size of the level.
-    /// `samples` is memory.
+    /// `before` are slopes that were found earlier, on a coarser level say; `memory` is kept from call to call.
     pub(super) fn of(
         flow: [&PaddedPlane; 2],
         halved: Option<f32>,
-        samples: &mut Vec<Sample>,
+        before: Slopes,
+        memory: &mut Samples,
     ) -> Result<Self> {
+        let Samples { places, heights } = memory;
         let centre = [flow[0].width(), flow[0].height()].map(|size| 0.5 * size as f64);
-        take(flow, f64::from(halved.unwrap_or(1.0)), centre, samples)?;
-        let (planes, share) = fit(samples);
+        take(flow, f64::from(halved.unwrap_or(1.0)), centre, places)?;
+        let samples = &*places;
+        heights.clear();
+        reserve("heights of a flow", heights, samples.len())?;
+        let across = if halved.is_some() { 2.0 } else { 1.0 };
+        let [x, y] = centre.map(|centre| 1.0 / (centre * across));
+        let before =
+            before.map(|[along_x, along_y]| [f64::from(along_x) / x, f64::from(along_y) / y]);
+        let (planes, share) = fit(samples, before, heights);
         if share < ENOUGH {
             return Ok(Self::default());
         }
-        let across = if halved.is_some() { 2.0 } else { 1.0 };
-        let [x, y] = centre.map(|centre| 1.0 / (centre * across));
         Ok(Self {
             slopes: planes
                 .map(|[_, along_x, along_y]| [(along_x * x) as f32, (along_y * y) as f32]),
             affine: within(samples, &planes, ON),
+            share,
         })
+    }
+
+    /// The slopes along which flow is brought from a pixel to another: those of a motion that nearly all of it follows.
+    /// Beside other motions they would be wrong too often.
+    pub(super) fn common_slopes(&self) -> Slopes {
+        if self.share < COMMON {
+            return Slopes::default();
+        }
+        self.slopes
     }
 }
 
 /// A place in coordinates of -1 to 1, and u and v there.
-pub(super) type Sample = [f64; 4];
+type Sample = [f64; 4];
+
+/// Samples of a flow, and memory for what is left of them.
+#[derive(Debug, Default)]
+pub(super) struct Samples {
+    places: Vec<Sample>,
+    heights: Vec<f64>,
+}
 
 fn take(
     [u, v]: [&PaddedPlane; 2],
@@ -107,10 +136,14 @@ fn take(
 
 /// The planes that most samples are near, and the share of them. Planes through all samples lie between two motions; those
 /// through a ninth of the picture are of one of them somewhere.
-fn fit(samples: &[Sample]) -> (Planes, f32) {
+fn fit(samples: &[Sample], before: [[f64; 2]; 2], heights: &mut Vec<f64>) -> (Planes, f32) {
     let rated = |planes: Planes| (planes, within(samples, &planes, NEAR));
     let whole = least_squares(samples, |_| 1.0);
     let mut best = whole.map_or((Planes::default(), 0.0), rated);
+    let earlier = rated(along(samples, before, heights));
+    if earlier.1 > best.1 {
+        best = earlier;
+    }
     if best.1 < PLENTY {
         for tile in 0..TILES * TILES {
             let centre = [tile % TILES, tile / TILES]
@@ -136,6 +169,26 @@ fn fit(samples: &[Sample]) -> (Planes, f32) {
         best = rated(found);
     }
     best
+}
+
+/// Planes of these slopes at the height of the middle sample.
+fn along(samples: &[Sample], slopes: [[f64; 2]; 2], heights: &mut Vec<f64>) -> Planes {
+    [0, 1].map(|axis| {
+        let [along_x, along_y] = slopes[axis];
+        heights.clear();
+        heights.extend(
+            samples
+                .iter()
+                .map(|sample| sample[2 + axis] - along_x * sample[0] - along_y * sample[1]),
+        );
+        let middle = heights.len() / 2;
+        let height = if heights.is_empty() {
+            0.0
+        } else {
+            *heights.select_nth_unstable_by(middle, f64::total_cmp).1
+        };
+        [height, along_x, along_y]
+    })
 }
 
 /// The share of samples within a distance of the planes.
@@ -212,7 +265,7 @@ mod tests {
     }
 
     fn trend(flow: [&PaddedPlane; 2], halved: Option<f32>) -> Trend {
-        Trend::of(flow, halved, &mut Vec::new()).unwrap()
+        Trend::of(flow, halved, Slopes::default(), &mut Samples::default()).unwrap()
     }
 
     fn close(found: Slopes, want: Slopes) -> bool {

@@ -143,7 +143,7 @@ proptest! {
         let (prev, next) = (noise(width, height, seed, 1.0), noise(width, height, seed ^ 0x5555, 1.0));
         let (prev, next) = (plane(&prev, 40.0), plane(&next, 40.0));
         let (u, v) = (noise(width, height, seed ^ 1, 2.5), noise(width, height, seed ^ 2, 2.5));
-        let options = StepOptions { radius, centred, damping: 1.0, max_step: 1.0 };
+        let options = StepOptions { radius, centred, damping: 1.0, max_step: 1.0, measures: false };
         for level in Level::available() {
             let execution = Execution::default().threads(2).level(level);
             let (mut to_u, mut to_v, mut energy) = (PaddedPlane::default(), PaddedPlane::default(), PaddedPlane::default());
@@ -188,7 +188,8 @@ proptest! {
 
     #[test]
     fn a_pixel_takes_the_flow_of_the_best_neighbour(
-        width in 1usize..40, height in 1usize..12, seed in any::<u32>(), distance in 1usize..4
+        width in 1usize..40, height in 1usize..12, seed in any::<u32>(), distance in 1usize..4,
+        slopes in any::<[[i8; 2]; 2]>().prop_map(|slopes| slopes.map(|axis| axis.map(|slope| f32::from(slope) / 256.0)))
     ) {
         let (u, v) = (noise(width, height, seed, 9.0), noise(width, height, !seed, 9.0));
         let mut energy = noise(width, height, seed ^ 77, 1.0);
@@ -198,7 +199,7 @@ proptest! {
         for level in Level::available() {
             let (mut to_u, mut to_v) = (PaddedPlane::default(), PaddedPlane::default());
             let execution = Execution::default().threads(2).level(level);
-            propagate::propagate((&u, &v), &energy, distance, 0.9, (&mut to_u, &mut to_v), &execution).unwrap();
+            propagate::propagate((&u, &v), &energy, (distance, slopes), 0.9, (&mut to_u, &mut to_v), &execution).unwrap();
             for y in 0..height as isize {
                 for x in 0..width as isize {
                     let mut best = (at(&energy, y, x) * 0.9, at(&u, y, x), at(&v, y, x));
@@ -206,7 +207,9 @@ proptest! {
                     for (dy, dx) in [-d, 0, d].into_iter().flat_map(|dy| [-d, 0, d].map(|dx| (dy, dx))) {
                         let other = at(&energy, y + dy, x + dx);
                         if (dy, dx) != (0, 0) && other < best.0 {
-                            best = (other, at(&u, y + dy, x + dx), at(&v, y + dy, x + dx));
+                            let along = |[x, y]: [f32; 2]| x * dx as f32 + y * dy as f32;
+                            let brought = |grid, slopes| at(grid, y + dy, x + dx) - along(slopes);
+                            best = (other, brought(&u, slopes[0]), brought(&v, slopes[1]));
                         }
                     }
                     prop_assert_eq!((at(&to_u, y, x), at(&to_v, y, x)), (best.1, best.2));

@@ -48,6 +48,7 @@ fn measured(
         centred: true,
         damping: 1.0,
         max_step: 1.0,
+        measures: false,
     };
     let execution = Execution::default().threads(2);
     let mut results = Vec::new();
