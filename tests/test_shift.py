@@ -544,6 +544,28 @@ def test_a_window_that_deforms_gives_its_centre_and_its_gradient() -> None:
     assert 0.90 < np.mean(np.abs(units) < 2) < 0.995
 
 
+def test_windows_of_a_vortex_say_how_far_off_their_centre_may_be() -> None:
+    """The displacement is not linear over a window: the centre is corrected, and its covariance holds the rest."""
+    centre = 127.5
+
+    def field(x, y):
+        turn = 0.075 * np.exp(-np.hypot(x - centre, y - centre) / 100)
+        return -(y - centre) * turn, (x - centre) * turn
+
+    off, units = [], []
+    for seed in range(2):
+        prev, nxt = particles(field, 256, seed)
+        for x0 in range(16, 224, 32):
+            for y0 in range(16, 224, 32):
+                shift = estimate_shift(prev, nxt, roi=(x0, y0, 32, 32), max_displacement=8, deformation="affine")
+                assert shift.valid
+                off.append([shift.dx, shift.dy] - np.array(field(x0 + 15.5, y0 + 15.5)))
+                units.append(off[-1] / np.sqrt(np.diag(shift.covariance)))
+    assert np.sqrt(np.mean(np.sum(np.square(off), axis=1))) < 0.03
+    assert np.mean(np.abs(units) < 1) > 0.55
+    assert np.mean(np.abs(units) < 2) > 0.85
+
+
 @pytest.mark.parametrize("side", ["prev", "next", "both"])
 @pytest.mark.parametrize("fill", [0.0, 255.0, np.nan])
 def test_an_overlay_that_is_masked_says_nothing(side: str, fill: float) -> None:

@@ -6,6 +6,7 @@
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
 use super::coordinates::Pair;
+use super::curvature::{Correction, correction};
 use super::filters::{DERIVATIVE, NoiseGain, RADIUS, Taps, noise_gain, taps};
 use super::gauss_newton::{Found, Problem};
 use super::gram::{Light, agreement};
@@ -21,10 +22,10 @@ pub(super) const MOTION: usize = 6;
 /// The light: one, x, y and the mean of both frames.
 const LIGHT: usize = 4;
 /// Motion, light and the difference.
-const FEATURES: usize = MOTION + LIGHT + 1;
-const ONE: usize = MOTION;
-const X: usize = MOTION + 1;
-const Y: usize = MOTION + 2;
+pub(super) const FEATURES: usize = MOTION + LIGHT + 1;
+pub(super) const ONE: usize = MOTION;
+pub(super) const X: usize = MOTION + 1;
+pub(super) const Y: usize = MOTION + 2;
 const MEAN: usize = MOTION + 3;
 const DIFFERENCE: usize = MOTION + LIGHT;
 const PRODUCTS: usize = FEATURES * (FEATURES + 1) / 2;
@@ -59,9 +60,24 @@ pub(super) struct Affine {
     /// Independent samples among the pixels.
     pub(super) samples: f64,
     pub(super) steady: bool,
+    /// What a displacement that varies quadratically adds at the centre.
+    curvature: Option<Correction>,
 }
 
 impl Affine {
+    /// With the displacement of the centre corrected for its curvature.
+    fn corrected(mut self) -> Self {
+        if let Some(correction) = self.curvature {
+            for i in 0..2 {
+                self.motion[i] += correction.displacement[i];
+                for j in 0..2 {
+                    self.covariance[i][j] += correction.covariance[i][j];
+                }
+            }
+        }
+        self
+    }
+
     /// The gradient by the place in `prev`: `u(x) = d + G (I - G / 2)^-1 (x - c)`.
     pub(super) fn gradient(&self) -> Matrix {
         let [_, _, xx, xy, yx, yy] = self.motion;
@@ -268,10 +284,10 @@ pub(super) struct Workspace {
 }
 
 /// Sums of products of all features, each once, row after row from the diagonal on.
-type Sums = [f64; PRODUCTS];
+pub(super) type Sums = [f64; PRODUCTS];
 
 /// The index of the product of two features.
-fn index(i: usize, j: usize) -> usize {
+pub(super) fn index(i: usize, j: usize) -> usize {
     let (i, j) = (i.min(j), i.max(j));
     i * (2 * FEATURES - i - 1) / 2 + j
 }
@@ -352,7 +368,7 @@ impl Problem<'_> {
                 motion[1] *= 2.0;
             }
             let mut steady = false;
-            for _ in 0..ITERATIONS {
+            for iteration in 0..ITERATIONS {
                 let view = View {
                     pair,
                     motion,
@@ -387,6 +403,13 @@ impl Problem<'_> {
                 let deviation = (solution.covariance[0][0] + solution.covariance[1][1]).sqrt();
                 let settled = if level == 0 { SETTLED } else { COARSE_SETTLED };
                 steady = length < settled.max(SETTLED_SHARE * deviation);
+                // Where a few pixels change to and fro it goes on like this: no further off than they say.
+                let last = iteration + 1 == ITERATIONS && length < deviation;
+                if last && !steady {
+                    steady = true;
+                    let more = 1.0 + (length / deviation).powi(2);
+                    solution.covariance = solution.covariance.map(|row| row.map(|v| more * v));
+                }
                 solution.motion = motion;
                 solution.steady = steady;
                 for i in 0..MOTION {
@@ -405,7 +428,7 @@ impl Problem<'_> {
                 break;
             }
         }
-        Ok(found)
+        Ok(found.map(Affine::corrected))
     }
 }
 
@@ -550,6 +573,14 @@ fn solve(
             covariance[i][j] *= in_band * damping * excess;
         }
     }
+    let by_noise = in_band * damping;
+    let curvature = correction(
+        clusters,
+        [&combination[0], &combination[1]],
+        &rest,
+        by_noise,
+        std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] / excess)),
+    );
     let spread = left[MEAN][MEAN];
     let gain = if light.gain && spread > 0.0 {
         (left[MEAN][DIFFERENCE] + (0..MOTION).map(|i| step[i] * left[MEAN][i]).sum::<f64>())
@@ -574,6 +605,7 @@ fn solve(
             count * (clean[0][0] + clean[1][1]) / (std::f64::consts::TAU * texture.max(1e-12)),
         ),
         steady: false,
+        curvature,
     })
 }
 

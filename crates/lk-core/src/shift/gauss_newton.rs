@@ -265,7 +265,7 @@ fn extrapolated(step: [f64; 2], before: Option<[f64; 2]>) -> ([f64; 2], f64) {
         return (step, 1.0);
     };
     let along = (step[0] * before[0] + step[1] * before[1]) / square;
-    let left = along.clamp(-0.3, 0.3);
+    let left = along.clamp(-0.3, 0.6);
     let ratio = (step[0].hypot(step[1]) / square.sqrt()).min(1.0);
     (step.map(|value| value / (1.0 - left)), 0.3 * ratio)
 }

@@ -8,6 +8,7 @@ mod affine;
 mod aperture;
 mod coordinates;
 mod correlation;
+mod curvature;
 mod estimate;
 mod evaluate;
 mod filters;
