@@ -1,5 +1,6 @@
 //! The displacement from the best of the starts, and whether to believe it.
 
+use super::affine::Affine;
 use super::evaluate::GainField;
 use super::gauss_newton::{COMMON_STRUCTURE, Found, Guess, Problem};
 use super::matrix::{eigenvalues, inverse, quadratic};
@@ -30,6 +31,8 @@ const EXPLAINED: f64 = 0.999;
 /// Displacements with one light for the window and with one for each part of it contradict each other above this square
 /// of their distance in deviations: one in 370 by chance.
 const CONTRADICTION: f64 = 11.8;
+/// A window that may deform does not go further than this, in pixels, from where one that may not goes.
+const ELSEWHERE: f64 = 0.5;
 /// Gains beyond this, or below its inverse, are not light: one of the frames is blank.
 const MAX_GAIN: f64 = 16.0;
 /// Displacements further apart than this, in pixels, are two.
@@ -147,7 +150,7 @@ impl Workspace {
             ShiftStatus::Valid | ShiftStatus::NoMatch | ShiftStatus::NotConverged
         );
         if follows && options.deformation == ShiftDeformation::Affine {
-            return problem.deformed(&best, from, limit);
+            return problem.deformed(&best, from, limit, status == ShiftStatus::Valid);
         }
         if status != ShiftStatus::Valid {
             return Ok(Shift::invalid(status));
@@ -235,7 +238,14 @@ fn contradiction(window: &Found, tiles: &Found) -> Option<[f64; 2]> {
 
 impl Problem<'_> {
     /// The displacement and its gradient, from a displacement without one.
-    fn deformed(&mut self, start: &Found, from: usize, limit: [f64; 2]) -> Result<Shift> {
+    /// `measured` says whether that is a measurement itself.
+    fn deformed(
+        &mut self,
+        start: &Found,
+        from: usize,
+        limit: [f64; 2],
+        measured: bool,
+    ) -> Result<Shift> {
         let Some(affine) = self.affine(start, from)? else {
             let status = if start.matches {
                 ShiftStatus::NotConverged
@@ -254,7 +264,7 @@ impl Problem<'_> {
             ShiftStatus::NoMatch
         } else if largest.is_nan() || largest >= MAX_SCATTER[1] {
             ShiftStatus::NoTexture
-        } else if !affine.steady {
+        } else if !affine.steady || (measured && is_elsewhere(start, &affine)) {
             ShiftStatus::NotConverged
         } else {
             ShiftStatus::Valid
@@ -278,6 +288,16 @@ impl Problem<'_> {
             status,
         })
     }
+}
+
+/// Whether a window that may deform went somewhere else than one that may not was measured to go.
+fn is_elsewhere(start: &Found, affine: &Affine) -> bool {
+    let apart = [0, 1].map(|axis| affine.motion[axis] - start.displacement[axis]);
+    let without = start.covariance();
+    let sum =
+        std::array::from_fn(|i| std::array::from_fn(|j| without[i][j] + affine.covariance[i][j]));
+    let distance = inverse(sum).map_or(f64::INFINITY, |inverse| quadratic(inverse, apart));
+    apart[0].hypot(apart[1]) > ELSEWHERE && distance > CONTRADICTION
 }
 
 /// Whether a displacement is longer than what was asked for.

@@ -27,7 +27,7 @@ const GAIN_FITS: usize = 2;
 /// After so many evaluations tiles are no longer merged anew, so that the displacement can settle.
 const FREE_MERGES: usize = 5;
 /// So it has below this share of its standard deviation, which counts for no more than [`MAX_DEVIATION`].
-const SETTLED_SHARE: f64 = 0.05;
+const SETTLED_SHARE: f64 = 0.02;
 const MAX_DEVIATION: f64 = 0.1;
 /// The same at a coarse level, in its pixels.
 const COARSE_SETTLED: f64 = 0.05;
