@@ -162,28 +162,68 @@ def test_windows_deform_where_the_caller_says(deformation):
         assert np.abs(tracks.deformation[tracks.valid][deformed] - turn).max() < 0.05
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.3, False), (0.5, True)])
-@pytest.mark.parametrize("kind", ["board", "eggs"])
-def test_texture_that_repeats_is_told(kind, share, told):
-    period = 24 if kind == "board" else 18
-    rng = np.random.default_rng(9)
-
-    def picture(dx: float) -> np.ndarray:
-        y, x = np.mgrid[:200, :260].astype(float)
-        x = x - dx
-        if kind == "board":
-            wave = np.tanh(4 * np.sin(2 * np.pi * x / period)) * np.tanh(4 * np.sin(2 * np.pi * y / period))
-        else:
-            wave = np.cos(2 * np.pi * x / period) + np.cos(2 * np.pi * y / period)
-        return np.clip(120 + 40 * wave + rng.standard_normal(x.shape), 0, 255).round().astype(np.uint8)
-
-    motion = share * period
-    points = np.float32([(x, y) for x in range(60, 200, 9) for y in range(60, 140, 9)])
-    tracks = rsflow.track_points(picture(0.0), picture(motion), points)
-    right = tracks.valid & (np.hypot(*(tracks.displacement - np.float32([motion, 0])).T) < 1)
-    if told:
-        assert tracks.valid.mean() <= 0.01
-        assert (tracks.status == PointStatus.AMBIGUOUS).mean() > 0.9
+def repeating(kind: str, period: float, motion: tuple[float, float], scene: bool) -> np.ndarray:
+    """A pattern that fills the picture, or a part of a scene; both move by `motion`."""
+    y, x = np.mgrid[:260, :340].astype(float)
+    x, y = x - motion[0], y - motion[1]
+    if kind == "board":
+        wave = np.tanh(4 * np.sin(2 * np.pi * x / period)) * np.tanh(4 * np.sin(2 * np.pi * y / period))
+    elif kind == "eggs":
+        wave = np.cos(2 * np.pi * x / period) + np.cos(2 * np.pi * y / period)
     else:
+        row = np.floor(2 * y / period)
+        along, across = (x + row * period / 2) % period, y % (period / 2)
+        joint = np.minimum(np.minimum(along, period - along), np.minimum(across, period / 2 - across))
+        wave = np.clip(joint - 1, -1, 1)
+    picture = 120 + 40 * wave
+    if scene:
+        inside = np.clip(np.minimum(np.minimum(x - 90, 250 - x), np.minimum(y - 60, 200 - y)) + 0.5, 0, 1)
+        around = ndimage.gaussian_filter(np.random.default_rng(12).standard_normal((380, 460)), 2.0)
+        around = ndimage.shift(around / around.std(), motion[::-1], order=3, mode="reflect")[60:-60, 60:-60]
+        picture = inside * picture + (1 - inside) * (120 + 35 * around)
+    noise = np.random.default_rng(9 + int(10 * abs(sum(motion)))).standard_normal(picture.shape)
+    return np.clip(np.round(picture + noise), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("angle", [0, 90, 33])
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize(("kind", "period"), [("board", 24), ("eggs", 18), ("bricks", 32), ("board", 12)])
+def test_texture_that_repeats_is_told(kind, period, share, angle):
+    """Where a pattern fills the picture, motion by a share of its period is the same as by one period less."""
+    motion = (share * period * np.cos(np.deg2rad(angle)), share * period * np.sin(np.deg2rad(angle)))
+    prev, after = (repeating(kind, period, way, scene=False) for way in ((0.0, 0.0), motion))
+    tracks = rsflow.track_points(prev, after, rsflow.detect_corners(prev))
+    assert tracks.valid.mean() <= 0.01
+    assert (tracks.status == PointStatus.AMBIGUOUS).mean() > 0.8
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize(("kind", "period"), [("board", 24), ("eggs", 18)])
+def test_the_longest_displacement_says_which_of_several_it_was(kind, period, share):
+    motion = (share * period, 0.0)
+    prev, after = (repeating(kind, period, way, scene=False) for way in ((0.0, 0.0), motion))
+    corners = rsflow.detect_corners(prev)
+    corners = corners[((corners > 16) & (corners < np.float32([323, 243]))).all(axis=1)]
+    tracks = rsflow.track_points(prev, after, corners, max_displacement=0.4 * period)
+    right = tracks.valid & (np.hypot(*(tracks.displacement - np.float32(motion)).T) < 1)
+    assert (tracks.status == PointStatus.AMBIGUOUS).mean() <= 0.03
+    assert right.mean() > 0.9
+
+
+@pytest.mark.parametrize("angle", [0, 33])
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.7, 1.0])
+@pytest.mark.parametrize(("kind", "period"), [("board", 24), ("eggs", 18), ("bricks", 32)])
+def test_what_ends_a_pattern_says_how_it_moves(kind, period, share, angle):
+    motion = (share * period * np.cos(np.deg2rad(angle)), share * period * np.sin(np.deg2rad(angle)))
+    prev, after = (repeating(kind, period, way, scene=True) for way in ((0.0, 0.0), motion))
+    pattern = np.zeros(prev.shape, bool)
+    pattern[72:188, 102:238] = True
+    corners = rsflow.detect_corners(prev, mask=pattern)
+    tracks = rsflow.track_points(prev, after, corners)
+    right = tracks.valid & (np.hypot(*(tracks.displacement - np.float32(motion)).T) < 1)
+    assert (tracks.valid & ~right).mean() <= 0.01
+    if share < 1 / 3:
         assert (tracks.status == PointStatus.AMBIGUOUS).mean() <= 0.03
         assert right.mean() > 0.9
+    else:
+        assert right.mean() > 0.7

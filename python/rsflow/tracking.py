@@ -57,7 +57,8 @@ class PointStatus(IntEnum):
     LOW_SUPPORT = 9
     """Fewer than an eighth of the window's pixels count in both frames: others are outside, masked, not finite."""
     AMBIGUOUS = 10
-    """The texture repeats: another displacement, at most half as long again, explains the window as well."""
+    """The texture repeats: another displacement explains the window as well, is not longer than `max_displacement`, and
+    nothing around the window (the end of the pattern, a stain, what else moves with it) tells which one it was."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +165,8 @@ def track_points(
         Levels of the pyramid, the frame itself included. By default they follow from the frame's size and from
         `max_displacement`.
     max_displacement : float, optional
-        The longest displacement to look for, a length in pixels. By default any.
+        The longest displacement to look for, a length in pixels. By default any. Where texture repeats and fills the
+        picture, one below half of its period says which of several displacements it was.
     max_iterations : int, optional
         Steps on one level after which a point counts as not converged.
     epsilon : float, optional

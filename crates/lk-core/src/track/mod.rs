@@ -38,7 +38,6 @@ use crate::parallel::{RowsMut, both, for_each_band, within_pool};
 use crate::pyramid::Pyramid;
 use crate::support::Masks;
 use consensus::reject_isolated;
-use repetition::reject_ambiguous;
 use retry::Memory;
 use solve::{Problem, Workspace};
 
@@ -219,7 +218,9 @@ fn track_keeping(
             }
         }
     }
-    reject_ambiguous(&problem, points, tracks, &mut memory.repeats)?;
+    memory
+        .repetition
+        .reject_ambiguous(&problem, points, tracks, &mut memory.grid)?;
     reject_isolated(&problem, points, tracks, &mut memory.grid)
 }
 

@@ -79,7 +79,8 @@ impl TrackOptions {
         self
     }
 
-    /// The longest displacement to look for, in pixels; `None`, the default, looks for any.
+    /// The longest displacement to look for, in pixels; `None`, the default, looks for any. On texture that repeats and
+    /// fills the picture, one below half of the period says which of several displacements it was.
     #[must_use]
     pub fn max_displacement(mut self, pixels: Option<f32>) -> Self {
         self.max_displacement = pixels;
@@ -265,7 +266,8 @@ pub enum PointStatus {
     New = 8,
     /// Fewer than an eighth of the window's pixels count in both frames: the others are outside, masked, or not finite.
     LowSupport = 9,
-    /// The texture repeats: another displacement, at most half as long again, explains the window as well.
+    /// The texture repeats: another displacement explains the window as well, is not longer than `max_displacement`, and
+    /// nothing around the window tells which one it was.
     Ambiguous = 10,
 }
 

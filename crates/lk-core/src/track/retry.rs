@@ -12,6 +12,7 @@ use crate::track::POINTS;
 use crate::track::affine::Deformed;
 use crate::track::neighbours::{Grid, NEIGHBOURS};
 use crate::track::options::{PointStatus, TrackedPoint};
+use crate::track::repetition::Repetition;
 use crate::track::solve::{Problem, Workspace};
 
 /// Rounds in which found points help their neighbours: each carries a motion on by a few points.
@@ -38,8 +39,7 @@ pub(crate) struct Memory {
     waiting: Vec<u32>,
     results: Vec<TrackedPoint>,
     pub(super) grid: Grid,
-    /// Which points are ambiguous.
-    pub(super) repeats: Vec<bool>,
+    pub(super) repetition: Repetition,
     seeds: Seeds,
     pub(super) deformed: Deformed,
 }
@@ -61,7 +61,7 @@ impl Memory {
         reserve(POINTS, &mut self.pending, points)?;
         reserve(POINTS, &mut self.waiting, points)?;
         reserve(POINTS, &mut self.results, points)?;
-        reserve(POINTS, &mut self.repeats, points)?;
+        self.repetition.reserve(points)?;
         self.grid.reserve(points)?;
         self.deformed.reserve(points)
     }

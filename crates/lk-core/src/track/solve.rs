@@ -179,10 +179,25 @@ impl Problem<'_> {
         guess: [f64; 2],
         workspace: &mut Workspace,
     ) -> Option<([f64; 2], f64, f64)> {
-        let tolerance = 10.0 * self.tolerance();
-        let last = self.fine(self.forward(), point, guess, tolerance, workspace);
+        let last = self.fine(self.forward(), point, guess, self.tolerance(), workspace);
         let fit = self.settle(&last.ok()?, &workspace.template);
         Some((fit.displacement, fit.variance, fit.signal))
+    }
+
+    /// Track `point` on the finest level alone, from the displacement `guess`.
+    pub(super) fn take(
+        &self,
+        point: [f32; 2],
+        guess: [f64; 2],
+        workspace: &mut Workspace,
+    ) -> TrackedPoint {
+        match self.fine(self.forward(), point, guess, self.tolerance(), workspace) {
+            Ok(rest) => {
+                let fit = self.settle(&rest, &workspace.template);
+                self.conclude(point, guess, RETURN_LEVEL, &fit, workspace)
+            }
+            Err(status) => TrackedPoint::lost(status),
+        }
     }
 
     pub(super) fn forward(&self) -> Direction<'_> {
