@@ -56,6 +56,8 @@ pub(super) struct Memory {
     pub(super) given: Plane,
     /// 0 at pixels that count for nothing, clipped ones among them.
     pub(super) unclipped: Plane,
+    /// Not 0 at pixels of `next` that are clipped, or beside one that is.
+    pub(super) near: Vec<u8>,
 }
 
 impl Memory {

@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::frame::Plane;
+use crate::memory::resize;
 
 use super::coarse_to_fine::{CoarseToFine, Memory};
 use super::light::Light;
@@ -19,6 +20,8 @@ const SUSPICIOUS: f64 = 0.05;
 const CHANGED: f64 = 0.9;
 /// Below this share of the frame pixels at its limits are the extremes of any frame, not those of a sensor.
 const FEW_CLIPPED: f32 = 0.001;
+/// No other guess is tried where the first ones leave more than this share of it.
+const HOPELESS: f64 = 0.97;
 /// No other guess is tried where one leaves less than this share of the misfit.
 const SURE: f64 = 0.3;
 
@@ -30,6 +33,7 @@ impl CoarseToFine<'_> {
         let mut least = CHANGED * before;
         let mut lit = None;
         let mut best_short = false;
+        let mut tried = f64::MAX;
         self.memory.keep_flow();
         let levels = &self.prev.levels()[first..];
         self.memory.coarse.resize_with(levels.len(), Plane::default);
@@ -50,6 +54,7 @@ impl CoarseToFine<'_> {
                     plane.copy_of(kept)?;
                 }
                 let misfit = self.memory.misfit();
+                tried = tried.min(misfit);
                 if misfit < least {
                     least = misfit;
                     lit = Some(first);
@@ -64,7 +69,7 @@ impl CoarseToFine<'_> {
                     break 'guesses;
                 }
             }
-            if lit.is_none() {
+            if lit.is_none() && tried > HOPELESS * before {
                 break;
             }
         }
@@ -90,21 +95,29 @@ impl CoarseToFine<'_> {
             light,
             weights,
             unclipped,
+            near,
             ..
         } = &mut *self.memory;
         let finest = &mut self.prev.levels_mut()[0];
         unclipped.resize(finest.width(), finest.height())?;
         light.apply_clipped(finest, from, self.ranges, unclipped, self.execution)?;
-        if let Some(range) = self.ranges[1] {
-            drop_clipped(unclipped, &self.next.levels()[0], [u, v], from, range);
-        }
         self.prev.reduce_again(self.execution)?;
-        let clipped = unclipped
-            .data()
-            .iter()
-            .filter(|weight| **weight == 0.0)
-            .count();
-        if (clipped as f32) < FEW_CLIPPED * unclipped.data().len() as f32 {
+        let most = FEW_CLIPPED * unclipped.data().len() as f32;
+        let few = |clipped: usize| (clipped as f32) < most;
+        let mut clipped = zeros(unclipped);
+        if let Some([low, high]) = self.ranges[1] {
+            // What rounding leaves of a limit.
+            let margin = 1e-3 * (high - low);
+            let (next, limits) = (&self.next.levels()[0], [low + margin, high - margin]);
+            // Nine pixels are beside each.
+            if few(clipped + 9 * at_limits(next, limits)) {
+                return Ok(());
+            }
+            near_limits(next, limits, near)?;
+            drop_clipped(unclipped, near, [u, v], from);
+            clipped = zeros(unclipped);
+        }
+        if few(clipped) {
             return Ok(());
         }
         if self.weighted {
@@ -145,20 +158,54 @@ impl CoarseToFine<'_> {
     }
 }
 
-/// Set the weight of pixels to 0 that the flow of level `from` leads to what is at the limits of `next`: where the light is
-/// not found that bright or dark, it still says nothing.
-fn drop_clipped(
-    unclipped: &mut Plane,
-    next: &Plane,
-    [u, v]: [&PaddedPlane; 2],
-    from: usize,
-    [low, high]: [f32; 2],
-) {
-    let (width, height) = (next.width(), next.height());
+/// Pixels that weigh nothing.
+fn zeros(weights: &Plane) -> usize {
+    let nothing = |weight: &f32| u32::from(*weight == 0.0);
+    let of_row = |y| weights.row(y).iter().map(nothing).sum::<u32>() as usize;
+    (0..weights.height()).map(of_row).sum()
+}
+
+/// Pixels of `next` at its limits.
+fn at_limits(next: &Plane, [low, high]: [f32; 2]) -> usize {
+    let beyond = |value: &f32| u32::from(*value <= low) | u32::from(*value >= high);
+    let of_row = |y| next.row(y).iter().map(beyond).sum::<u32>() as usize;
+    (0..next.height()).map(of_row).sum()
+}
+
+/// Write which pixels of `next` are at its limits, or beside one that is: smoothing has spread what was clipped by a pixel.
+fn near_limits(next: &Plane, [low, high]: [f32; 2], near: &mut Vec<u8>) -> Result<()> {
+    let width = next.width();
+    near.clear();
+    resize("pixels at the limits", near, width * next.height(), 0)?;
+    for y in 0..next.height() {
+        let row = &mut near[y * width..][..width];
+        for (near, value) in row.iter_mut().zip(next.row(y)) {
+            *near = u8::from(*value <= low) | u8::from(*value >= high);
+        }
+        let mut before = 0;
+        for x in 0..width {
+            let here = row[x];
+            row[x] |= before | row.get(x + 1).unwrap_or(&0);
+            before = here;
+        }
+    }
+    // Each row takes what the one above was, and the one below is.
+    for y in 1..next.height() {
+        let (above, here) = near[(y - 1) * width..][..2 * width].split_at_mut(width);
+        for (above, here) in above.iter_mut().zip(here) {
+            let own = *above & 1;
+            *above |= *here & 1;
+            *here |= own << 1;
+        }
+    }
+    Ok(())
+}
+
+/// Set the weight of pixels to 0 that the flow of level `from` leads to what is at or beside the limits of `next`: where the
+/// light is not found that bright or dark, it still says nothing.
+fn drop_clipped(unclipped: &mut Plane, near: &[u8], [u, v]: [&PaddedPlane; 2], from: usize) {
+    let (width, height) = (unclipped.width(), unclipped.height());
     let (scale, step) = ((1usize << from) as f32, 1usize << from);
-    // What rounding leaves of a limit.
-    let margin = 1e-3 * (high - low);
-    let (low, high) = (low + margin, high - margin);
     for y in 0..height {
         let coarse = (y >> from).min(u.height() - 1);
         let (row_u, row_v) = (u.row(coarse), v.row(coarse));
@@ -168,20 +215,16 @@ fn drop_clipped(
             let Some(row) = y.checked_add_signed(dv).filter(|row| *row < height) else {
                 continue;
             };
-            // Smoothing has spread what was clipped by a pixel.
-            let rows =
-                [row.saturating_sub(1), row, (row + 1).min(height - 1)].map(|row| next.row(row));
-            let clipped = |x: usize| {
-                let near = x.saturating_sub(1)..(x + 2).min(width);
-                rows.iter().any(|row| {
-                    let near = row.get(near.clone()).unwrap_or_default();
-                    near.iter().any(|value| *value <= low || *value >= high)
-                })
-            };
             let columns = (cell * step).min(width)..((cell + 1) * step).min(width);
-            for (x, weight) in columns.clone().zip(&mut weights[columns]) {
-                let place = x.checked_add_signed(du).filter(|x| *x < width);
-                if place.is_some_and(clipped) {
+            // Those that stay within the row.
+            let first = columns.start.max(0usize.saturating_add_signed(-du));
+            let last = columns.end.min(width.saturating_add_signed(-du));
+            let Some(to) = first.checked_add_signed(du).filter(|_| first < last) else {
+                continue;
+            };
+            let near = &near[row * width + to..];
+            for (weight, near) in weights[first..last].iter_mut().zip(near) {
+                if *near != 0 {
                     *weight = 0.0;
                 }
             }
@@ -198,4 +241,67 @@ pub(super) fn gain_matters(
 ) -> Result<bool> {
     let [trend, beyond] = memory.change(prev, next, weight, LIGHT_RADII[0].1)?;
     Ok(trend > SUSPICIOUS || beyond > 2.0 * SUSPICIOUS)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::padded_plane::{PAD, extend};
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn what_leads_to_clipped_pixels_or_beside_them_weighs_nothing(
+            width in 1usize..40, height in 1usize..20, seed in any::<u32>(), from in 0usize..3
+        ) {
+            let value = |k: usize| (k as u32).wrapping_mul(2_654_435_761).wrapping_add(seed) >> 16;
+            let mut next = Plane::new(width, height).unwrap();
+            for y in 0..height {
+                for x in 0..width {
+                    next.row_mut(y)[x] = (value(y * width + x) % 30) as f32;
+                }
+            }
+            let size = (width.div_ceil(1 << from), height.div_ceil(1 << from));
+            let flow = [1, 2].map(|axis| {
+                let mut grid = PaddedPlane::default();
+                grid.resize(size.0, size.1).unwrap();
+                for y in 0..size.1 {
+                    let row = grid.padded_mut(y);
+                    for x in 0..size.0 {
+                        row[PAD + x] = (value(axis * 977 + y * size.0 + x) % 9) as f32 - 4.0;
+                    }
+                    extend(row, size.0);
+                }
+                grid
+            });
+            let [low, high] = [0.5, 28.5];
+            let mut near = Vec::new();
+            near_limits(&next, [low, high], &mut near).unwrap();
+            let mut weights = Plane::new(width, height).unwrap();
+            weights.data_mut().fill(1.0);
+            drop_clipped(&mut weights, &near, flow.each_ref(), from);
+            for y in 0..height {
+                for x in 0..width {
+                    let [dx, dy] = flow.each_ref().map(|grid| {
+                        (grid.row(y >> from)[x >> from] * (1 << from) as f32).round() as isize
+                    });
+                    let (to_x, to_y) = (x as isize + dx, y as isize + dy);
+                    let inside = |x: isize, y: isize| {
+                        (0..width as isize).contains(&x) && (0..height as isize).contains(&y)
+                    };
+                    let clipped = inside(to_x, to_y) && (-1..=1).any(|dy| (-1..=1).any(|dx| {
+                        let (x, y) = (to_x + dx, to_y + dy);
+                        inside(x, y) && {
+                            let value = next.row(y as usize)[x as usize];
+                            value <= low || value >= high
+                        }
+                    }));
+                    prop_assert_eq!(weights.row(y)[x] == 0.0, clipped, "{} {}", x, y);
+                }
+            }
+            let clipped = next.data().iter().filter(|value| **value <= low || **value >= high).count();
+            prop_assert_eq!(at_limits(&next, [low, high]), clipped);
+        }
+    }
 }

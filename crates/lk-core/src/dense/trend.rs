@@ -17,7 +17,7 @@ const SAMPLES: usize = 30;
 /// an affine motion is no better.
 const NEAR: f64 = 0.5;
 /// Samples this near are on the planes.
-const ON: f64 = 0.15;
+const ON: f64 = 0.25;
 /// Below this distance the weight of a sample does not grow any more, squared pixels.
 const SOFT: f64 = 0.01;
 /// Tiles along each axis whose own planes are tried.
