@@ -26,6 +26,9 @@ const SIDES: (usize, usize) = (7, 13);
 /// Mean square difference of two patches, as a share of twice their variance, below which one may be the other.
 const LEAST_ALIKE: f32 = 0.25;
 
+/// At a whole lag beside the one of a pattern, patches differ by up to so many times as much.
+const BETWEEN: f32 = 2.5;
+
 /// A lag is worth a closer look if its patch differs at most so much more than that of the best one.
 const NEARLY: (f32, f32) = (2.0, 0.05);
 
@@ -107,20 +110,24 @@ impl Problem<'_> {
     /// variance.
     pub(super) fn lags(&self, point: [f32; 2], alike: f32) -> Lags {
         let mut lags = Lags::default();
+        let alike = LEAST_ALIKE.min(MARGIN.0 * alike + MARGIN.1);
         let looks = LOOKS.len().min(self.prev.len());
         let mut found: [Option<Minima>; LOOKS.len()] = [const { None }; LOOKS.len()];
         let mut best = f32::INFINITY;
         for (level, (least, reach)) in LOOKS.into_iter().take(looks).enumerate() {
             let reach = if level + 1 == looks { REACH } else { reach };
-            let minima = self.minima(point, level, least, reach);
+            let minima = self.minima(
+                point,
+                level,
+                (least, reach),
+                LEAST_ALIKE.min(BETWEEN * alike),
+            );
             if let Some(minima) = &minima {
                 best = best.min(minima.list[0].0);
             }
             found[level] = minima;
         }
-        let limit = LEAST_ALIKE
-            .min(NEARLY.0 * best + NEARLY.1)
-            .min(MARGIN.0 * alike + MARGIN.1);
+        let limit = alike.min(NEARLY.0 * best + NEARLY.1);
         for (level, minima) in found.into_iter().enumerate() {
             let factor = f64::from(1u32 << level);
             for (value, lag) in minima.into_iter().flat_map(|minima| minima.list) {
@@ -134,7 +141,13 @@ impl Problem<'_> {
     }
 
     /// The lags of one level whose patches differ least, and less than those beside them.
-    fn minima(&self, point: [f32; 2], level: usize, least: isize, reach: isize) -> Option<Minima> {
+    fn minima(
+        &self,
+        point: [f32; 2],
+        level: usize,
+        (least, reach): (isize, isize),
+        limit: f32,
+    ) -> Option<Minima> {
         let plane = &self.prev[level];
         let factor = (1u32 << level) as f32;
         let side = ((self.options.window_side() >> level) | 1).clamp(SIDES.0, SIDES.1);
@@ -158,6 +171,7 @@ impl Problem<'_> {
                 centre: [x, y],
                 side,
                 reach,
+                limit,
             },
         )?;
         let at = |dx: isize, dy: isize| surface[(dy + REACH) as usize][(dx + REACH) as usize];
@@ -168,7 +182,7 @@ impl Problem<'_> {
             for dx in -reach + 1..reach {
                 let value = at(dx, dy);
                 let worst = minima.list[Minima::MOST - 1].0;
-                if value >= LEAST_ALIKE.min(worst) || dx.abs().max(dy.abs()) < least {
+                if value >= limit.min(worst) || dx.abs().max(dy.abs()) < least {
                     continue;
                 }
                 let beside = (-1..=1isize).flat_map(|y| (-1..=1isize).map(move |x| (x, y)));
@@ -202,7 +216,7 @@ fn dip(value: f32, (left, right): (f32, f32)) -> f32 {
 }
 
 /// For each lag the mean square difference of the patch around `centre` and the one there, as a share of twice the
-/// patch's variance; infinite where that is more than [`LEAST_ALIKE`], or outside.
+/// patch's variance; infinite where that is more than the limit, or outside.
 struct Differences<'a> {
     pixels: &'a [f32],
     width: usize,
@@ -210,6 +224,7 @@ struct Differences<'a> {
     centre: [isize; 2],
     side: usize,
     reach: isize,
+    limit: f32,
 }
 
 impl Kernel for Differences<'_> {
@@ -234,7 +249,7 @@ impl Kernel for Differences<'_> {
             return None;
         }
         let scale = 0.5 / energy;
-        let limit = LEAST_ALIKE / scale;
+        let limit = self.limit / scale;
         // Lags whose patch leaves the frame are none.
         let first = (-self.reach).max(half - x);
         let last = self.reach.min(self.width as isize - 1 - half - x);

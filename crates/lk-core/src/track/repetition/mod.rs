@@ -205,7 +205,7 @@ impl Repetition {
     ) -> Result<bool> {
         let others = &self.others;
         grid.fill(problem.size(), points, |index| others[index].count > 0)?;
-        let reach = REACH * problem.options.window_side() as f32;
+        let reach = BESIDE * problem.options.window_side() as f32;
         let mut any = false;
         for (state, point) in self.states.iter_mut().zip(points) {
             if *state == State::Unasked {
