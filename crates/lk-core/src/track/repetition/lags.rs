@@ -20,6 +20,10 @@ const LOOKS: [(isize, isize); 3] = [(3, 8), (4, 12), (5, 16)];
 const REACH: isize = 16;
 const LAGS: usize = 2 * REACH as usize + 1;
 
+/// Lags of a row in groups: the loop over one is of a length that the compiler knows.
+const GROUP: usize = 8;
+const GROUPS: usize = LAGS.div_ceil(GROUP);
+
 /// Sides of the patch that is compared with its surroundings: as large as the window, within these bounds.
 const SIDES: (usize, usize) = (7, 13);
 
@@ -258,26 +262,39 @@ impl Kernel for Differences<'_> {
             return None;
         }
         let count = (last - first + 1) as usize;
+        let groups = count.div_ceil(GROUP);
+        // What lies beyond the last lag is never looked at.
+        let mut other = [0.0f32; GROUPS * GROUP + SIDES.1];
         for dy in -self.reach..=self.reach {
             if y + dy < half || y + dy + half >= self.height as isize {
                 continue;
             }
-            let mut sums = [0.0f32; LAGS];
+            let mut sums = [[0.0f32; GROUP]; GROUPS];
             let mut alike = true;
             for turn in 0..self.side {
                 // In an order that takes in all of the patch soon: 5 has no factor in common with any side but its own.
                 let line = (turn * 5 % self.side) as isize - half;
                 let own = &row(y + line)[(x - half) as usize..][..self.side];
-                let other =
-                    &row(y + dy + line)[(x - half + first) as usize..][..count + self.side - 1];
-                for (tap, own) in own.iter().enumerate() {
-                    for (sum, other) in sums[..count].iter_mut().zip(&other[tap..]) {
-                        let difference = other - own;
-                        *sum += difference * difference;
+                let length = count + self.side - 1;
+                other[..length]
+                    .copy_from_slice(&row(y + dy + line)[(x - half + first) as usize..][..length]);
+                for (group, sums) in sums[..groups].iter_mut().enumerate() {
+                    let near = &other[group * GROUP..][..self.side + GROUP - 1];
+                    let mut kept = *sums;
+                    for (own, other) in own.iter().zip(near.windows(GROUP)) {
+                        let Some(other) = other.first_chunk::<GROUP>() else {
+                            continue;
+                        };
+                        for (sum, other) in kept.iter_mut().zip(other) {
+                            let difference = other - own;
+                            *sum += difference * difference;
+                        }
                     }
+                    *sums = kept;
                 }
                 if turn % ROWS_AT_ONCE == ROWS_AT_ONCE - 1 {
-                    let least = sums[..count].iter().fold(f32::INFINITY, |a, b| a.min(*b));
+                    let sums = &sums.as_flattened()[..count];
+                    let least = sums.iter().fold(f32::INFINITY, |a, b| a.min(*b));
                     if least > limit {
                         alike = false;
                         break;
@@ -287,7 +304,7 @@ impl Kernel for Differences<'_> {
             if alike {
                 let start = (first + REACH) as usize;
                 let to = &mut surface[(dy + REACH) as usize][start..][..count];
-                for (to, sum) in to.iter_mut().zip(sums) {
+                for (to, sum) in to.iter_mut().zip(sums.as_flattened()) {
                     *to = sum * scale;
                 }
             }
