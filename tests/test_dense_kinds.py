@@ -135,3 +135,25 @@ def test_unrelated_pictures_and_flat_ground_are_not_valid(preset: rsflow.Preset)
     assert rsflow.dense_flow(*pictures, preset=preset).valid.mean() < 0.002
     flat = [np.rint(120 + 2 * generator.standard_normal(SIZE)).astype(np.uint8) for _ in range(2)]
     assert rsflow.dense_flow(*flat, preset=preset).valid.mean() < 0.002
+
+
+@pytest.mark.parametrize("preset", ["ultrafast", "fast", "balanced", "accurate"])
+def test_what_stays_with_the_sensor_is_kept_out_by_both_masks(preset: rsflow.Preset) -> None:
+    prev, after, truth, _ = pair("gravel", turned(0, 1, 6.5, 2), steady, 1)
+    counts = np.ones(SIZE, np.bool_)
+    counts[120:220, 140:280] = False
+    for frame in (prev, after):
+        frame[~counts] = 30
+        cv2.putText(frame, "SPEED", (150, 190), cv2.FONT_HERSHEY_SIMPLEX, 1, 255, 3)
+    y, x = np.mgrid[0 : SIZE[0], 0 : SIZE[1]]
+    to = counts[np.minimum(y + 2, SIZE[0] - 1), np.minimum(np.rint(x + 6.5).astype(int), SIZE[1] - 1)]
+    beside = cv2.dilate((~(counts & to)).astype(np.uint8), np.ones((25, 25), np.uint8)) == 1
+    beside &= counts & to
+    errors = []
+    for next_mask in (None, counts):
+        field = rsflow.dense_flow(prev, after, preset=preset, mask=counts, next_mask=next_mask)
+        error = np.hypot(*(field.uv - truth).transpose(2, 0, 1))
+        errors.append(error[beside].mean())
+    assert errors[1] < 0.9 * errors[0], errors
+    assert not field.valid[counts & ~to].any()
+    assert (error[beside & field.valid] > 1).mean() < 0.01

@@ -175,6 +175,26 @@ def test_initial_and_mask() -> None:
     assert np.abs(field.uv[60, 80] - [1.5, 0.5]).max() < 0.1
 
 
+def test_what_moves_to_where_the_next_mask_is_false_is_not_valid() -> None:
+    prev, following = scene(), scene(5.0, 0.0)
+    counts = np.ones((120, 160), np.bool_)
+    counts[40:80, 60:100] = False
+    following = np.where(counts, following, 200).astype(following.dtype)
+    field = rsflow.dense_flow(prev, following, next_mask=counts)
+    assert np.abs(field.uv[60, 40] - [5, 0]).max() < 0.1
+    assert field.valid[60, 40]
+    # Where the mask is False the frame before shows what goes there from 5 pixels to the left.
+    assert not field.valid[42:78, 57:93].any()
+    assert not np.isnan(field.uv).any()
+    stream = rsflow.DenseFlow(next_mask=counts)
+    stream.update(prev)
+    again = stream.update(following)
+    np.testing.assert_array_equal(again.valid, field.valid)
+    np.testing.assert_array_equal(again.uv, field.uv)
+    everywhere = rsflow.dense_flow(prev, following, next_mask=np.ones_like(counts))
+    np.testing.assert_array_equal(everywhere.valid, rsflow.dense_flow(prev, following).valid)
+
+
 def test_small_and_empty_frames_are_answered() -> None:
     for shape in [(0, 0), (0, 5), (1, 1), (1, 30), (2, 2), (9, 300)]:
         field = rsflow.dense_flow(np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))
@@ -193,6 +213,8 @@ def test_small_and_empty_frames_are_answered() -> None:
         ({"max_displacement": "far"}, rsflow.OptionError, 'max_displacement: got "far", expected a positive number'),
         ({"mask": np.ones((120, 160))}, rsflow.DTypeError, "mask: got dtype float64"),
         ({"mask": np.ones((3, 4), bool)}, rsflow.ShapeError, r"mask: got shape \(3, 4\)"),
+        ({"next_mask": np.ones((120, 160))}, rsflow.DTypeError, "next_mask: got dtype float64"),
+        ({"next_mask": np.ones((3, 4), bool)}, rsflow.ShapeError, r"next_mask: got shape \(3, 4\)"),
         ({"initial": np.zeros((120, 160))}, rsflow.ShapeError, r"initial: got shape \(120, 160\)"),
         (
             {"initial": np.zeros((12, 16, 2))},

@@ -222,6 +222,7 @@ def dense_flow(
     max_displacement: float | None = None,
     initial: ArrayLike | FlowField | None = None,
     mask: NDArray[np.bool_] | None = None,
+    next_mask: NDArray[np.bool_] | None = None,
 ) -> FlowField:
     """Where every pixel of `prev` went.
 
@@ -242,6 +243,9 @@ def dense_flow(
         A flow to start from; what lies within about 8 pixels of it is found. NaN is taken as zero.
     mask : ndarray (H, W) of bool, optional
         False at pixels of `prev` that are not to be measured and that count for nothing.
+    next_mask : ndarray (H, W) of bool, optional
+        The same of `next`: a pixel of `prev` that moves to one where it is False, or beside it, counts for nothing and
+        is not `valid`. What stays with the sensor, a rim or letters, is given as both masks.
 
     Returns
     -------
@@ -252,7 +256,7 @@ def dense_flow(
     ShapeError
         If a frame is not 2-D, or sizes differ.
     DTypeError
-        If a frame has another type, or the two differ, or the mask is not of bool.
+        If a frame has another type, or the two differ, or a mask is not of bool.
     OptionError
         If an option has a value that it does not allow.
 
@@ -277,7 +281,8 @@ def dense_flow(
     options = (knobs.preset(preset), knobs.illumination(illumination), knobs.max_displacement(max_displacement))
     before, after = _checks.pair(prev, next)
     start, where = _as_initial(initial), _checks.mask_or_none("mask", mask, before.shape)
-    return _field(_kept_core(*options, before.size).pair(before, after, start, where))
+    where_next = _checks.mask_or_none("next_mask", next_mask, before.shape)
+    return _field(_kept_core(*options, before.size).pair(before, after, start, where, where_next))
 
 
 # One estimator a thread is kept from call to call, for its memory. Frames of more pixels than this give theirs back
@@ -310,7 +315,7 @@ class DenseFlow(Shared):
         As in `dense_flow`.
     initial : array_like (H, W, 2) or FlowField, optional
         A flow to start from, for the first pair only.
-    mask : ndarray (H, W) of bool, optional
+    mask, next_mask : ndarray (H, W) of bool, optional
         Of every pair, as in `dense_flow`.
 
     Examples
@@ -332,12 +337,14 @@ class DenseFlow(Shared):
         max_displacement: float | None = None,
         initial: ArrayLike | FlowField | None = None,
         mask: NDArray[np.bool_] | None = None,
+        next_mask: NDArray[np.bool_] | None = None,
     ) -> None:
         options = (knobs.preset(preset), knobs.illumination(illumination), knobs.max_displacement(max_displacement))
         self._options = options
         self._core = _core.DenseFlow(*options)
         self._initial = _as_initial(initial)
         self._mask = _checks.mask_or_none("mask", mask)
+        self._next_mask = _checks.mask_or_none("next_mask", next_mask)
         self._shape: tuple[int, ...] | None = None
         self._started = False
 
@@ -364,7 +371,8 @@ class DenseFlow(Shared):
                 "the next frame is a first one"
             )
         self._shape = frame.shape
-        parts = self._core.update(frame, self._initial if not self._started else None, self._mask)
+        initial = self._initial if not self._started else None
+        parts = self._core.update(frame, initial, self._mask, self._next_mask)
         if parts is None:
             return None
         self._started = True

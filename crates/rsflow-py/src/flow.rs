@@ -47,7 +47,7 @@ impl DenseFlow {
     }
 
     /// The flow from `prev` to `next`.
-    #[pyo3(signature = (prev, next, initial, region))]
+    #[pyo3(signature = (prev, next, initial, region, next_region))]
     fn pair<'py>(
         &self,
         py: Python<'py>,
@@ -55,12 +55,15 @@ impl DenseFlow {
         next: &Bound<'py, PyAny>,
         initial: Option<&Bound<'py, PyAny>>,
         region: Option<&Bound<'py, PyAny>>,
+        next_region: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Parts<'py>> {
         let (prev, next) = (AnyFrame::new("prev", prev)?, AnyFrame::new("next", next)?);
         let (initial, region) = (initial_flow(initial)?, mask("mask", region, prev.dim())?);
+        let next_region = mask("next_mask", next_region, prev.dim())?;
         let hints = DenseHints {
             initial: initial.as_ref().map(PyReadonlyArray3::as_array),
             mask: region.as_ref().map(PyReadonlyArray2::as_array),
+            next_mask: next_region.as_ref().map(PyReadonlyArray2::as_array),
         };
         let pixels = prev.pixels();
         let field = with_pair!(pair(&prev, &next)?, |prev, next| self.call(
@@ -76,19 +79,22 @@ impl DenseFlow {
     }
 
     /// The flow from the frame before to `frame`; None for the first one.
-    #[pyo3(signature = (frame, initial, region))]
+    #[pyo3(signature = (frame, initial, region, next_region))]
     fn update<'py>(
         &self,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         initial: Option<&Bound<'py, PyAny>>,
         region: Option<&Bound<'py, PyAny>>,
+        next_region: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Option<Parts<'py>>> {
         let frame = AnyFrame::new("frame", frame)?;
         let (initial, region) = (initial_flow(initial)?, mask("mask", region, frame.dim())?);
+        let next_region = mask("next_mask", next_region, frame.dim())?;
         let hints = DenseHints {
             initial: initial.as_ref().map(PyReadonlyArray3::as_array),
             mask: region.as_ref().map(PyReadonlyArray2::as_array),
+            next_mask: next_region.as_ref().map(PyReadonlyArray2::as_array),
         };
         let pixels = frame.pixels();
         let field = with_view!(frame.view(), |frame| self.call(py, pixels, |flow| {

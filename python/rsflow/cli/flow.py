@@ -74,6 +74,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mask", metavar="FILE", help="picture of the frames' size: what is black in it is not measured"
     )
+    parser.add_argument(
+        "--next-mask", metavar="FILE", help="the same of the second frame: what moves there is not valid"
+    )
     add_range(parser, stride=None)
     add_rate(parser)
     add_overwrite(parser)
@@ -99,6 +102,7 @@ def _estimator(args: argparse.Namespace) -> DenseFlow:
         max_displacement=args.max_displacement,
         initial=read_flow(args.initial) if args.initial else None,
         mask=_only(args.mask).image != 0 if args.mask else None,
+        next_mask=_only(args.next_mask).image != 0 if args.next_mask else None,
     )
 
 
@@ -115,7 +119,7 @@ def _pair(args: argparse.Namespace) -> int:
         expect_flow_name(Path(args.output))
     if args.picture:
         expect_picture_name(Path(args.picture), vectors=args.style == "arrows")
-    read = Inputs(files=(args.source, args.next, args.initial, args.mask))
+    read = Inputs(files=(args.source, args.next, args.initial, args.mask, args.next_mask))
     read.refuse(path for path in (args.output, args.picture) if path)
     expect_apart({"-o": args.output, "--picture": args.picture})
     first, second = (_only(path) for path in (args.source, args.next))
@@ -183,7 +187,7 @@ def _sequence(args: argparse.Namespace) -> int:
         _refuse_inputs(args, suffix)
         result = None
         if args.output:
-            identity = identity_of(args.source, args, files=("initial", "mask"))
+            identity = identity_of(args.source, args, files=("initial", "mask", "next_mask"))
             result = ResultFolder(Path(args.output), "flow", (_FILES,), identity, overwrite=args.overwrite)
             stack.enter_context(result)
         video = None
@@ -236,7 +240,7 @@ def _refuse_inputs(args: argparse.Namespace, suffix: str) -> None:
     files = [Path(args.picture)] if args.picture else []
     if args.output:
         files += [Path(args.output) / f"flow_000000.{suffix}", *Path(args.output).glob(_FILES)]
-    Inputs(args.source, files=(args.initial, args.mask)).refuse(files)
+    Inputs(args.source, files=(args.initial, args.mask, args.next_mask)).refuse(files)
 
 
 def _fitted(args: argparse.Namespace, fields: list[FlowField]) -> dict[str, Any]:

@@ -54,6 +54,8 @@ pub(super) struct Memory {
     pub(super) weights: Vec<Plane>,
     /// 0 at pixels of `prev` that are masked or not finite.
     pub(super) given: Plane,
+    /// 0 at pixels of `next` that are masked or not finite.
+    pub(super) counted: Plane,
     /// 0 at pixels that count for nothing, clipped ones among them.
     pub(super) unclipped: Plane,
     /// Not 0 at pixels of `next` that are clipped, or beside one that is.
@@ -213,6 +215,10 @@ impl CoarseToFine<'_> {
         } else {
             None
         };
+        if let Some(mask) = hints.next_mask {
+            self.drop_masked(mask, first)?;
+            self.coarse(first, hints, None)?;
+        }
         let finest = self.options.recipe.finest.min(first);
         for level in (finest..first).rev() {
             self.memory.halved = Some(2.0);

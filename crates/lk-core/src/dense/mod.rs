@@ -333,7 +333,7 @@ impl DenseFlow {
             memory: &mut *memory,
         };
         let lit = descent.run(hints)?;
-        let counted = descent.weighted;
+        let is_weighted = descent.weighted;
         if let Some(halvings) = lit {
             field.gain.copy_of(&memory.light.gain)?;
             field.offset.copy_of(&memory.light.offset)?;
@@ -345,6 +345,7 @@ impl DenseFlow {
             halved,
             weights,
             given,
+            counted,
             judged,
             support,
             trend,
@@ -357,10 +358,16 @@ impl DenseFlow {
             u,
             v,
             halved: *halved,
-            weight: counted.then(|| &weights[0]),
+            weight: is_weighted.then(|| &weights[0]),
         };
         let given = weighted.then_some(&*given);
-        let bad = Some(&next.finite).filter(|plane| plane.width() > 0);
+        let finite = Some(&next.finite).filter(|plane| plane.width() > 0);
+        let bad = if hints.next_mask.is_some() {
+            weights::given(hints.next_mask, finite, (width, height), counted)?;
+            Some(&*counted)
+        } else {
+            finite
+        };
         let slopes = trend.slopes;
         validity::mark(
             input,
@@ -417,8 +424,10 @@ impl Source {
 }
 
 fn check_hints((height, width): (usize, usize), hints: DenseHints<'_>) -> Result<()> {
-    if let Some(mask) = hints.mask {
-        expect_size("mask", mask.dim(), "the frames", (height, width))?;
+    for (name, mask) in [("mask", hints.mask), ("next_mask", hints.next_mask)] {
+        if let Some(mask) = mask {
+            expect_size(name, mask.dim(), "the frames", (height, width))?;
+        }
     }
     if let Some(initial) = hints.initial
         && initial.dim() != (height, width, 2)

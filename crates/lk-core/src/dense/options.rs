@@ -334,4 +334,7 @@ pub struct DenseHints<'a> {
     pub initial: Option<ArrayView3<'a, f32>>,
     /// (height, width): false at pixels of `prev` that count for nothing.
     pub mask: Option<ArrayView2<'a, bool>>,
+    /// (height, width): false at pixels of `next` that count for nothing. A pixel of `prev` counts where it and what it
+    /// moves to do.
+    pub next_mask: Option<ArrayView2<'a, bool>>,
 }

@@ -1,5 +1,7 @@
 //! Light that has changed: what it did is found on coarse levels, and all levels of `prev` are brought to it.
 
+use ndarray::ArrayView2;
+
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::resize;
@@ -129,6 +131,36 @@ impl CoarseToFine<'_> {
         weights::pyramid(unclipped, self.prev, weights)
     }
 
+    /// Let the pixels count for nothing that the flow of level `from` leads to what is masked in `next`, or beside it.
+    pub(super) fn drop_masked(&mut self, mask: ArrayView2<'_, bool>, from: usize) -> Result<()> {
+        let Memory {
+            flow: [u, v],
+            weights,
+            unclipped,
+            near,
+            ..
+        } = &mut *self.memory;
+        let plane = &self.prev.levels()[0];
+        let width = plane.width();
+        near.clear();
+        resize("masked pixels", near, width * plane.height(), 0)?;
+        for (y, row) in near.chunks_exact_mut(width).enumerate() {
+            for (x, near) in row.iter_mut().enumerate() {
+                *near = u8::from(!mask[(y, x)]);
+            }
+        }
+        widen(near, width);
+        if self.weighted {
+            unclipped.copy_of(&weights[0])?;
+        } else {
+            unclipped.resize(width, plane.height())?;
+            unclipped.data_mut().fill(1.0);
+        }
+        drop_clipped(unclipped, near, [u, v], from);
+        self.weighted = true;
+        weights::pyramid(unclipped, self.prev, weights)
+    }
+
     /// Give `prev` the light of `next`, as the flow so far sees it.
     pub(super) fn relight_level(&mut self, level: usize, radii: (usize, usize)) -> Result<()> {
         let Memory {
@@ -182,6 +214,14 @@ fn near_limits(next: &Plane, [low, high]: [f32; 2], near: &mut Vec<u8>) -> Resul
         for (near, value) in row.iter_mut().zip(next.row(y)) {
             *near = u8::from(*value <= low) | u8::from(*value >= high);
         }
+    }
+    widen(near, width);
+    Ok(())
+}
+
+/// Mark what lies beside a marked pixel, in rows of `width`.
+fn widen(near: &mut [u8], width: usize) {
+    for row in near.chunks_exact_mut(width) {
         let mut before = 0;
         for x in 0..width {
             let here = row[x];
@@ -190,7 +230,7 @@ fn near_limits(next: &Plane, [low, high]: [f32; 2], near: &mut Vec<u8>) -> Resul
         }
     }
     // Each row takes what the one above was, and the one below is.
-    for y in 1..next.height() {
+    for y in 1..near.len() / width {
         let (above, here) = near[(y - 1) * width..][..2 * width].split_at_mut(width);
         for (above, here) in above.iter_mut().zip(here) {
             let own = *above & 1;
@@ -198,11 +238,10 @@ fn near_limits(next: &Plane, [low, high]: [f32; 2], near: &mut Vec<u8>) -> Resul
             *here |= own << 1;
         }
     }
-    Ok(())
 }
 
-/// Set the weight of pixels to 0 that the flow of level `from` leads to what is at or beside the limits of `next`: where the
-/// light is not found that bright or dark, it still says nothing.
+/// Set the weight of pixels to 0 that the flow of level `from` leads to what is `near` limits of `next` or masked there: where
+/// the light is not found that bright or dark, it still says nothing.
 fn drop_clipped(unclipped: &mut Plane, near: &[u8], [u, v]: [&PaddedPlane; 2], from: usize) {
     let (width, height) = (unclipped.width(), unclipped.height());
     let (scale, step) = ((1usize << from) as f32, 1usize << from);

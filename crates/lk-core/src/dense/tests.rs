@@ -368,6 +368,63 @@ fn a_mask_keeps_other_motion_out() {
 }
 
 #[test]
+fn what_stays_with_the_sensor_is_kept_out_by_both_masks() {
+    let (mut prev, mut next) = (scene(120, 160, 0.0, 0.0), scene(120, 160, 4.5, 1.5));
+    let mask = Array2::from_shape_fn((120, 160), |(y, x)| {
+        !(40..80).contains(&y) || !(50..110).contains(&x)
+    });
+    for frame in [&mut prev, &mut next] {
+        for ((y, x), value) in frame.indexed_iter_mut() {
+            if !mask[(y, x)] {
+                *value = if (x / 5 + y / 5) % 2 == 0 {
+                    20.0
+                } else {
+                    230.0
+                };
+            }
+        }
+    }
+    let masked = DenseHints {
+        mask: Some(mask.view()),
+        next_mask: Some(mask.view()),
+        ..DenseHints::default()
+    };
+    for preset in [
+        Preset::Ultrafast,
+        Preset::Fast,
+        Preset::Balanced,
+        Preset::Accurate,
+    ] {
+        let options = DenseOptions::default().preset(preset);
+        let field = dense_flow(prev.view(), next.view(), masked, &options).unwrap();
+        let (with, largest) = {
+            let (mut sum, mut count, mut largest) = (0.0, 0.0, 0.0f32);
+            for y in 20..100 {
+                for x in 20..140 {
+                    let at = y * 160 + x;
+                    let [u, v] = [field.uv()[2 * at], field.uv()[2 * at + 1]];
+                    let to = mask[((y as f32 + 1.5) as usize, (x as f32 + 4.5) as usize)];
+                    assert!(to || !field.valid()[at], "{preset:?} {x} {y}");
+                    if mask[(y, x)] && to {
+                        let error = (u - 4.5).hypot(v - 1.5);
+                        (sum, count) = (sum + error, count + 1.0);
+                        largest = largest.max(if field.valid()[at] { error } else { 0.0 });
+                    }
+                }
+            }
+            (sum / count, largest)
+        };
+        // What is measured at half the size is interpolated up to the mask.
+        let most = if preset == Preset::Ultrafast {
+            0.7
+        } else {
+            0.5
+        };
+        assert!(with < 0.1 && largest < most, "{preset:?}: {with} {largest}");
+    }
+}
+
+#[test]
 fn an_initial_flow_leads_to_what_is_beyond_the_pyramid() {
     let (prev, next) = (scene(120, 160, 0.0, 0.0), scene(120, 160, 25.0, -18.0));
     let mut initial = Array3::from_elem((120, 160, 2), 24.0f32);
