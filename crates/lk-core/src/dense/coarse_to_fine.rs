@@ -206,12 +206,17 @@ impl CoarseToFine<'_> {
         let (contrast, lit) = (looks.contrast, looks.lit);
         self.memory.looks = looks;
         measured.and(looked)?;
+        // A search that finds nothing leaves energies of its own behind.
+        let mut misfit = self.memory.misfit();
         self.found = match contrast {
             Some(contrast) => self.search(first, contrast)?,
             None => false,
         };
+        if self.found {
+            misfit = self.memory.misfit();
+        }
         let lit = if lit {
-            self.relight(first, hints)?
+            self.relight(first, hints, misfit)?
         } else {
             None
         };

@@ -29,9 +29,14 @@ const SURE: f64 = 0.3;
 
 impl CoarseToFine<'_> {
     /// Find what the light did, on level `first` and coarser ones, bring all levels of `prev` to it, and measure those
-    /// levels again; `first`, or `None` and nothing has happened where no change of light fits.
-    pub(super) fn relight(&mut self, first: usize, hints: DenseHints<'_>) -> Result<Option<usize>> {
-        let before = self.memory.misfit();
+    /// levels again; `first`, or `None` and nothing has happened where no change of light fits. `before` is the misfit of
+    /// the flow so far.
+    pub(super) fn relight(
+        &mut self,
+        first: usize,
+        hints: DenseHints<'_>,
+        before: f64,
+    ) -> Result<Option<usize>> {
         let mut least = CHANGED * before;
         let mut lit = None;
         let mut best_short = false;
