@@ -209,7 +209,7 @@ impl CoarseToFine<'_> {
         // A search that finds nothing leaves energies of its own behind.
         let mut misfit = self.memory.misfit();
         self.found = match contrast {
-            Some(contrast) => self.search(first, contrast)?,
+            Some(contrast) => self.search(first, contrast, misfit)?,
             None => false,
         };
         if self.found {

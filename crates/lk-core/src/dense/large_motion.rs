@@ -32,10 +32,10 @@ const SUPPORT: usize = 3;
 const RADIUS: usize = 3;
 
 impl CoarseToFine<'_> {
-    /// Improve the flow of level `level`, which has just been measured, if it is lost for the contrast of `prev` there.
+    /// Improve the flow of level `level`, which has just been measured, if its misfit `before` is lost for the contrast of `prev`
+    /// there.
     /// Returns whether that has led to anything; the flow is then in `memory.found` too.
-    pub(super) fn search(&mut self, level: usize, contrast: f64) -> Result<bool> {
-        let before = self.memory.misfit();
+    pub(super) fn search(&mut self, level: usize, contrast: f64, before: f64) -> Result<bool> {
         if before <= LOST * contrast {
             return Ok(false);
         }
