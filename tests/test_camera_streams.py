@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,34 +13,10 @@ import numpy as np
 import pytest
 
 import rsflow
-
-SIZE = (64, 48)
-
-
-def scene(number: int, size: tuple[int, int] = SIZE) -> np.ndarray:
-    texture = np.random.default_rng(7).integers(0, 255, (size[1] // 4, size[0] // 4), np.uint8)
-    return np.roll(cv2.resize(texture, size), number, 1)
+from encoded_video import SIZE, encode, scene
 
 
-def encode(codec: str, count: int, size: tuple[int, int] = SIZE, *, b_frames: int = 0) -> list[bytes]:
-    """Packets of `count` pictures, in the order of decoding."""
-    av = pytest.importorskip("av")
-    context = av.CodecContext.create(codec, "w")
-    context.width, context.height = size
-    context.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
-    context.time_base, context.framerate = Fraction(1, 30), Fraction(30, 1)
-    context.max_b_frames = b_frames
-    if codec == "libx265":
-        context.options = {"x265-params": f"bframes={b_frames}:log-level=none"}
-    packets = []
-    for number in range(count):
-        frame = av.VideoFrame.from_ndarray(scene(number, size), format="gray").reformat(format=context.pix_fmt)
-        frame.pts, frame.time_base = number, Fraction(1, 30)
-        packets += [bytes(packet) for packet in context.encode(frame)]
-    return packets + [bytes(packet) for packet in context.encode()]
-
-
-def mux(path: Path, codec: str, packets: list[bytes], *, first_s: float = 0.0) -> Path:
+def mux(path: Path, codec: str, packets: Sequence[bytes], *, first_s: float = 0.0) -> Path:
     av = pytest.importorskip("av")
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=30)
@@ -157,7 +134,7 @@ def test_no_picture_is_called_lost_that_is_not(tmp_path, name):
     ("codec", "suffix"), [("mjpeg", "avi"), ("mjpeg", "mkv"), ("mpeg4", "mkv"), ("libx264", "mp4")]
 )
 def test_pictures_that_cannot_be_decoded_keep_their_place(tmp_path, codec, suffix):
-    packets = encode(codec, 40)
+    packets = list(encode(codec, 40))
     lost = [0, 11, 12, 25, 39] if codec == "mjpeg" else [25]
     for number in lost:
         packets[number] = packets[number][:4] + bytes(len(packets[number]) - 4)
@@ -177,7 +154,7 @@ def test_pictures_that_cannot_be_decoded_keep_their_place(tmp_path, codec, suffi
 
 
 def test_what_is_lost_stands_in_the_report(tmp_path):
-    packets = encode("mjpeg", 12)
+    packets = list(encode("mjpeg", 12))
     packets[5] = packets[5][:4] + bytes(len(packets[5]) - 4)
     path = mux(tmp_path / "bad.avi", "mjpeg", packets)
     done = rsflow.extract(path, tmp_path / "out")
@@ -305,7 +282,7 @@ def test_what_is_masked_in_a_flow_is_unknown(tmp_path):
 
 
 def test_commands_say_what_is_lost(tmp_path):
-    packets = encode("mjpeg", 12)
+    packets = list(encode("mjpeg", 12))
     packets[5] = packets[5][:4] + bytes(len(packets[5]) - 4)
     path = mux(tmp_path / "bad.avi", "mjpeg", packets)
     for command in ("track", "segment"):
@@ -316,7 +293,7 @@ def test_commands_say_what_is_lost(tmp_path):
 
 @pytest.mark.parametrize("place", [0, 5])
 def test_a_damaged_packet_that_lies_of_its_size_is_no_change(tmp_path, place):
-    packets = encode("mjpeg", 12)
+    packets = list(encode("mjpeg", 12))
     at = packets[place].index(b"\xff\xc0")
     packets[place] = packets[place][: at + 5] + b"\x3e\x80\x3e\x80" + packets[place][at + 9 :]
     path = mux(tmp_path / "bad.avi", "mjpeg", packets)
