@@ -77,9 +77,12 @@ impl Problem<'_> {
         &self,
         point: [f32; 2],
         found: [f64; 2],
-        lags: impl Iterator<Item = [f64; 2]>,
+        lags: impl ExactSizeIterator<Item = [f64; 2]>,
         mut say: impl FnMut(usize, Evidence),
     ) {
+        if lags.len() == 0 {
+            return;
+        }
         let level = LEVEL.min(self.prev.len() - 1);
         let target = [0, 1].map(|axis: usize| (f64::from(point[axis]) + found[axis]) as f32);
         let (there, back) = (self.forward(), self.backward());

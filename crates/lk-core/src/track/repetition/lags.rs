@@ -1,6 +1,9 @@
 //! Where the picture repeats around a point: displacements within `prev` at which its surroundings are like themselves.
 
-use crate::simd::{Kernel, dispatch};
+use std::ops::RangeInclusive;
+
+use crate::frame::Plane;
+use crate::simd::{EIGHT, Eight, EightKernel, dispatch_eight};
 use crate::track::solve::Problem;
 
 /// Lags that are kept, of opposite ones only one.
@@ -20,9 +23,8 @@ const LOOKS: [(isize, isize); 3] = [(3, 8), (4, 12), (5, 16)];
 const REACH: isize = 16;
 const LAGS: usize = 2 * REACH as usize + 1;
 
-/// Lags of a row in groups: the loop over one is of a length that the compiler knows.
-const GROUP: usize = 8;
-const GROUPS: usize = LAGS.div_ceil(GROUP);
+/// Lags of a row in groups of whole lanes.
+const GROUPS: usize = LAGS.div_ceil(EIGHT);
 
 /// Sides of the patch that is compared with its surroundings: as large as the window, within these bounds.
 const SIDES: (usize, usize) = (7, 13);
@@ -40,7 +42,25 @@ const NEARLY: (f32, f32) = (2.0, 0.05);
 const MARGIN: (f32, f32) = (1.5, 0.04);
 
 /// Rows of the patch after which lags that differ too much already are given up.
-const ROWS_AT_ONCE: usize = 4;
+const ROWS_AT_ONCE: usize = 2;
+
+/// Which lags are looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Half {
+    Both,
+    /// Of opposite ones the one that points down: where a pattern goes on to both sides, one says so as well.
+    Lower,
+}
+
+impl Half {
+    /// The first row of lags, from those beside which a lowest value is told.
+    fn first(self, reach: isize) -> isize {
+        match self {
+            Self::Both => -reach,
+            Self::Lower => -1,
+        }
+    }
+}
 
 /// Lags in pixels of the frame, the shortest first.
 #[derive(Debug, Default, Clone, Copy)]
@@ -112,8 +132,13 @@ impl Minima {
 impl Problem<'_> {
     /// The lags at which the surroundings of `point` repeat: windows there differ by at most `alike` of twice their
     /// variance.
-    pub(super) fn lags(&self, point: [f32; 2], alike: f32) -> Lags {
+    pub(super) fn lags(&self, point: [f32; 2], alike: f32, half: Half) -> Lags {
         let mut lags = Lags::default();
+        let mut surface = Surface {
+            values: [[f32::INFINITY; LAGS]; LAGS],
+            alike: [0; LAGS],
+            first: 0,
+        };
         let alike = LEAST_ALIKE.min(MARGIN.0 * alike + MARGIN.1);
         let looks = LOOKS.len().min(self.prev.len());
         let mut found: [Option<Minima>; LOOKS.len()] = [const { None }; LOOKS.len()];
@@ -123,8 +148,9 @@ impl Problem<'_> {
             let minima = self.minima(
                 point,
                 level,
-                (least, reach),
+                (least, reach, half),
                 LEAST_ALIKE.min(BETWEEN * alike),
+                &mut surface,
             );
             if let Some(minima) = &minima {
                 best = best.min(minima.list[0].0);
@@ -149,13 +175,14 @@ impl Problem<'_> {
         &self,
         point: [f32; 2],
         level: usize,
-        (least, reach): (isize, isize),
+        (least, reach, half): (isize, isize, Half),
         limit: f32,
+        surface: &mut Surface,
     ) -> Option<Minima> {
         let plane = &self.prev[level];
         let factor = (1u32 << level) as f32;
         let side = ((self.options.window_side() >> level) | 1).clamp(SIDES.0, SIDES.1);
-        let half = (side / 2) as isize;
+        let rim = (side / 2) as isize;
         let (width, height) = (plane.width() as isize, plane.height() as isize);
         if width < side as isize || height < side as isize {
             return None;
@@ -163,45 +190,48 @@ impl Problem<'_> {
         // A patch that would leave the frame stands at its border.
         let [x, y] = point.map(|coordinate| (coordinate / factor).round() as isize);
         let (x, y) = (
-            x.clamp(half, width - 1 - half),
-            y.clamp(half, height - 1 - half),
+            x.clamp(rim, width - 1 - rim),
+            y.clamp(rim, height - 1 - rim),
         );
-        let surface = dispatch(
+        let compared = dispatch_eight(
             self.level,
             Differences {
-                pixels: plane.data(),
-                width: plane.width(),
-                height: plane.height(),
+                plane,
                 centre: [x, y],
                 side,
                 reach,
+                half,
                 limit,
+                surface,
             },
-        )?;
-        let at = |dx: isize, dy: isize| surface[(dy + REACH) as usize][(dx + REACH) as usize];
+        );
+        if !compared {
+            return None;
+        }
         let mut minima = Minima {
             list: [(f32::INFINITY, [0; 2]); Minima::MOST],
         };
-        for dy in -reach + 1..reach {
-            for dx in -reach + 1..reach {
-                let value = at(dx, dy);
-                let worst = minima.list[Minima::MOST - 1].0;
-                if value >= limit.min(worst) || dx.abs().max(dy.abs()) < least {
-                    continue;
-                }
-                let beside = (-1..=1isize).flat_map(|y| (-1..=1isize).map(move |x| (x, y)));
-                if beside.into_iter().all(|(x, y)| at(dx + x, dy + y) >= value) {
-                    // Between whole lags it is less.
-                    let sides = [
-                        (at(dx - 1, dy), at(dx + 1, dy)),
-                        (at(dx, dy - 1), at(dx, dy + 1)),
-                    ];
-                    let value = (value - dip(value, sides[0]) - dip(value, sides[1])).max(0.0);
-                    let place = minima.list.partition_point(|(other, _)| *other <= value);
-                    if place < Minima::MOST {
-                        minima.list[place..].rotate_right(1);
-                        minima.list[place] = (value, [dx, dy]);
-                    }
+        let at = |dx: isize, dy: isize| surface.at(dx, dy);
+        for [dx, dy] in surface.alike(half.first(reach) + 1..=reach - 1) {
+            if dx <= -reach || dx >= reach || dx.abs().max(dy.abs()) < least {
+                continue;
+            }
+            let value = at(dx, dy);
+            let worst = minima.list[Minima::MOST - 1].0;
+            let beside = (-1..=1isize).flat_map(|y| (-1..=1isize).map(move |x| (x, y)));
+            if value < limit.min(worst)
+                && beside.into_iter().all(|(x, y)| at(dx + x, dy + y) >= value)
+            {
+                // Between whole lags it is less.
+                let sides = [
+                    (at(dx - 1, dy), at(dx + 1, dy)),
+                    (at(dx, dy - 1), at(dx, dy + 1)),
+                ];
+                let value = (value - dip(value, sides[0]) - dip(value, sides[1])).max(0.0);
+                let place = minima.list.partition_point(|(other, _)| *other <= value);
+                if place < Minima::MOST {
+                    minima.list[place..].rotate_right(1);
+                    minima.list[place] = (value, [dx, dy]);
                 }
             }
         }
@@ -222,93 +252,141 @@ fn dip(value: f32, (left, right): (f32, f32)) -> f32 {
 /// For each lag the mean square difference of the patch around `centre` and the one there, as a share of twice the
 /// patch's variance; infinite where that is more than the limit, or outside.
 struct Differences<'a> {
-    pixels: &'a [f32],
-    width: usize,
-    height: usize,
+    plane: &'a Plane,
     centre: [isize; 2],
     side: usize,
     reach: isize,
+    half: Half,
     limit: f32,
+    surface: &'a mut Surface,
 }
 
-impl Kernel for Differences<'_> {
-    type Output = Option<[[f32; LAGS]; LAGS]>;
+/// What is compared, by the lag.
+struct Surface {
+    values: [[f32; LAGS]; LAGS],
+    /// For each row a bit for each group of lags of which one is alike, and the first lag of the first group.
+    alike: [u8; LAGS],
+    first: isize,
+}
+
+impl Surface {
+    fn at(&self, dx: isize, dy: isize) -> f32 {
+        self.values[(dy + REACH) as usize][(dx + REACH) as usize]
+    }
+
+    /// Lags of which one in eight at least is alike.
+    fn alike(&self, rows: RangeInclusive<isize>) -> impl Iterator<Item = [isize; 2]> {
+        rows.flat_map(move |dy| {
+            let groups = self.alike[(dy + REACH) as usize];
+            let there = (0..GROUPS).filter(move |group| groups >> group & 1 == 1);
+            there.flat_map(move |group| {
+                let first = self.first + (group * EIGHT) as isize;
+                (first..first + EIGHT as isize).map(move |dx| [dx, dy])
+            })
+        })
+    }
+}
+
+/// Pixels of a row of what the patch is compared with, in whole groups, and its rows.
+const WIDE: usize = GROUPS * EIGHT + SIDES.1;
+const HIGH: usize = LAGS + SIDES.1 - 1;
+
+impl EightKernel for Differences<'_> {
+    /// Whether there is anything to compare.
+    type Output = bool;
 
     #[inline(always)]
-    fn run(self) -> Self::Output {
-        let half = (self.side / 2) as isize;
-        let [x, y] = self.centre;
-        let row = |y: isize| &self.pixels[y as usize * self.width..][..self.width];
-        let (mut sum, mut squares) = (0.0f32, 0.0f32);
-        let middle = row(y)[x as usize];
-        for line in y - half..=y + half {
-            for value in &row(line)[(x - half) as usize..=(x + half) as usize] {
-                let value = value - middle;
-                sum += value;
-                squares += value * value;
-            }
+    fn run<L: Eight>(self) -> Self::Output {
+        match self.side {
+            0..=7 => self.compare::<L, 7>(),
+            8..=9 => self.compare::<L, 9>(),
+            10..=11 => self.compare::<L, 11>(),
+            _ => self.compare::<L, 13>(),
         }
-        let energy = squares - sum * sum / (self.side * self.side) as f32;
+    }
+}
+
+impl Differences<'_> {
+    #[inline(always)]
+    fn compare<L: Eight, const SIDE: usize>(self) -> bool {
+        let half = (SIDE / 2) as isize;
+        let ([x, y], reach) = (self.centre, self.reach);
+        let (width, height) = (self.plane.width() as isize, self.plane.height() as isize);
+        let mut lines = [0; SIDE];
+        let mut patch = [[0.0f32; SIDE]; SIDE];
+        for (turn, (line, own)) in lines.iter_mut().zip(&mut patch).enumerate() {
+            // In an order that takes in all of the patch soon: 5 has no factor in common with any side.
+            *line = turn * 5 % SIDE;
+            let row = self.plane.row((y - half) as usize + *line);
+            own.copy_from_slice(&row[(x - half) as usize..][..SIDE]);
+        }
+        let (mut sum, mut squares) = (0.0f32, 0.0f32);
+        let middle = patch[0][0];
+        for value in patch.as_flattened() {
+            let value = value - middle;
+            sum += value;
+            squares += value * value;
+        }
+        let energy = squares - sum * sum / (SIDE * SIDE) as f32;
         if !(energy.is_finite() && energy > 0.0) {
-            return None;
+            return false;
         }
         let scale = 0.5 / energy;
-        let limit = self.limit / scale;
+        let limit = L::splat(self.limit / scale);
         // Lags whose patch leaves the frame are none.
-        let first = (-self.reach).max(half - x);
-        let last = self.reach.min(self.width as isize - 1 - half - x);
-        let mut surface = [[f32::INFINITY; LAGS]; LAGS];
-        if last < first {
-            return None;
+        let within = |least: isize, at: isize, size: isize| {
+            let first = least.max(half - at);
+            (first, reach.min(size - 1 - half - at))
+        };
+        let (columns, rows) = (
+            within(-reach, x, width),
+            within(self.half.first(reach), y, height),
+        );
+        if columns.1 < columns.0 || rows.1 < rows.0 {
+            return false;
         }
-        let count = (last - first + 1) as usize;
-        let groups = count.div_ceil(GROUP);
-        // What lies beyond the last lag is never looked at.
-        let mut other = [0.0f32; GROUPS * GROUP + SIDES.1];
-        for dy in -self.reach..=self.reach {
-            if y + dy < half || y + dy + half >= self.height as isize {
-                continue;
-            }
-            let mut sums = [[0.0f32; GROUP]; GROUPS];
-            let mut alike = true;
-            for turn in 0..self.side {
-                // In an order that takes in all of the patch soon: 5 has no factor in common with any side but its own.
-                let line = (turn * 5 % self.side) as isize - half;
-                let own = &row(y + line)[(x - half) as usize..][..self.side];
-                let length = count + self.side - 1;
-                other[..length]
-                    .copy_from_slice(&row(y + dy + line)[(x - half + first) as usize..][..length]);
-                for (group, sums) in sums[..groups].iter_mut().enumerate() {
-                    let near = &other[group * GROUP..][..self.side + GROUP - 1];
-                    let mut kept = *sums;
-                    for (own, other) in own.iter().zip(near.windows(GROUP)) {
-                        let Some(other) = other.first_chunk::<GROUP>() else {
-                            continue;
-                        };
-                        for (sum, other) in kept.iter_mut().zip(other) {
-                            let difference = other - own;
-                            *sum += difference * difference;
-                        }
+        // What the patch is compared with, side by side. What lies beyond the last lag is never looked at.
+        let mut around = [[0.0f32; WIDE]; HIGH];
+        let high = (rows.1 - rows.0) as usize + SIDE;
+        let length = (columns.1 - columns.0) as usize + SIDE;
+        for (line, to) in around[..high].iter_mut().enumerate() {
+            let row = self.plane.row((y + rows.0 - half) as usize + line);
+            to[..length].copy_from_slice(&row[(x + columns.0 - half) as usize..][..length]);
+        }
+        let count = length - SIDE + 1;
+        let Surface { values, alike, .. } = self.surface;
+        *values = [[f32::INFINITY; LAGS]; LAGS];
+        *alike = [0; LAGS];
+        self.surface.first = columns.0;
+        for (lag, dy) in (rows.0..=rows.1).enumerate() {
+            let to = &mut values[(dy + REACH) as usize][(columns.0 + REACH) as usize..][..count];
+            for (group, to) in to.chunks_mut(EIGHT).enumerate() {
+                let first = group * EIGHT;
+                // Two sums, so that one does not wait for the other.
+                let mut sums = [L::zero(); 2];
+                let mut given_up = false;
+                for turn in 0..SIDE {
+                    let other = &around[lag + lines[turn]][first..][..SIDE + EIGHT - 1];
+                    for tap in 0..SIDE {
+                        let difference = L::load(other, tap) - L::splat(patch[turn][tap]);
+                        sums[tap % 2] += difference * difference;
                     }
-                    *sums = kept;
-                }
-                if turn % ROWS_AT_ONCE == ROWS_AT_ONCE - 1 {
-                    let sums = &sums.as_flattened()[..count];
-                    let least = sums.iter().fold(f32::INFINITY, |a, b| a.min(*b));
-                    if least > limit {
-                        alike = false;
+                    if turn % ROWS_AT_ONCE == ROWS_AT_ONCE - 1
+                        && (sums[0] + sums[1]).at_least(limit) == u8::MAX
+                    {
+                        given_up = true;
                         break;
                     }
                 }
-            }
-            if alike {
-                let start = (first + REACH) as usize;
-                let to = &mut surface[(dy + REACH) as usize][start..][..count];
-                for (to, sum) in to.iter_mut().zip(sums.as_flattened()) {
-                    *to = sum * scale;
+                if !given_up {
+                    alike[(dy + REACH) as usize] |= 1 << group;
+                    let all = (sums[0] + sums[1]).pack();
+                    for (to, sum) in to.iter_mut().zip(all.0) {
+                        *to = sum * scale;
+                    }
                 }
             }
         }
-        Some(surface)
+        true
     }
 }

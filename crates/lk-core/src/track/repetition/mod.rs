@@ -17,10 +17,11 @@ use crate::track::neighbours::Grid;
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::solve::{Problem, Workspace};
 use evidence::Verdict;
-use lags::MAX_LAGS;
+use lags::{Half, MAX_LAGS};
 
-/// One point of so many is asked first whether any texture repeats.
-const SAMPLE: usize = 8;
+/// One point of so many is asked first whether any texture repeats, and one in each square of so many windows a side.
+const SAMPLE: usize = 10;
+const SQUARE: f32 = 2.5;
 
 /// What another displacement may leave in the window, as a share of what the found one leaves, and as one of the window's
 /// own variance: the pixels between the samples differ a little from period to period.
@@ -111,6 +112,8 @@ impl Others {
 enum State {
     /// Nothing, and nobody asks.
     Unasked,
+    /// Nothing: it is one of those that are asked first.
+    First,
     /// Nothing: where it was found is new.
     Unknown,
     /// What else explains its window, if it was tracked at all.
@@ -125,6 +128,8 @@ pub(crate) struct Repetition {
     others: Vec<Others>,
     before: Vec<Others>,
     states: Vec<State>,
+    /// Squares of the frame in which a point is asked first.
+    taken: Vec<bool>,
     moved: Vec<Option<TrackedPoint>>,
 }
 
@@ -147,16 +152,7 @@ impl Repetition {
     ) -> Result<()> {
         self.others.clear();
         resize(POINTS, &mut self.others, points.len(), Others::NONE)?;
-        let mut valid = 0usize;
-        let states = tracks.iter().map(|track| {
-            valid += usize::from(track.is_valid());
-            match track.is_valid() {
-                true if valid % SAMPLE == 1 => State::Unknown,
-                true => State::Unasked,
-                false => State::Known,
-            }
-        });
-        replace(POINTS, &mut self.states, states)?;
+        self.choose_first(problem, points, tracks)?;
         self.look(problem, points, tracks)?;
         if !self.others.iter().any(|others| others.count > 0) {
             return Ok(());
@@ -194,6 +190,36 @@ impl Repetition {
         }
         self.moved = rejected;
         Ok(())
+    }
+
+    /// Choose which points are asked first: some of them, in as many parts of the frame as there are.
+    fn choose_first(
+        &mut self,
+        problem: &Problem<'_>,
+        points: &[[f32; 2]],
+        tracks: &[TrackedPoint],
+    ) -> Result<()> {
+        let side = SQUARE * problem.options.window_side() as f32;
+        let (width, height) = problem.size();
+        let [columns, rows] = [width, height].map(|length| (length as f32 / side) as usize + 1);
+        self.taken.clear();
+        resize(POINTS, &mut self.taken, columns * rows, false)?;
+        let taken = &mut self.taken;
+        let mut due = SAMPLE - 1;
+        let states = tracks.iter().zip(points).map(|(track, [x, y])| {
+            if !track.is_valid() {
+                return State::Known;
+            }
+            due += 1;
+            let taken = &mut taken[(y / side) as usize * columns + (x / side) as usize];
+            if due < SAMPLE || *taken {
+                return State::Unasked;
+            }
+            *taken = true;
+            due -= SAMPLE;
+            State::First
+        });
+        replace(POINTS, &mut self.states, states)
     }
 
     /// Ask the points near those on texture that repeats; whether there are any that were not asked.
@@ -275,10 +301,16 @@ impl Repetition {
             |range, part| {
                 Workspace::with(|workspace| {
                     for (others, index) in part.data.iter_mut().zip(range) {
-                        if states[index] != State::Unknown {
-                            continue;
-                        }
                         let (point, track) = (points[index], &tracks[index]);
+                        let repeats = || {
+                            let alike = alike(track.unexplained);
+                            !problem.lags(point, alike, Half::Lower).list().is_empty()
+                        };
+                        match states[index] {
+                            State::Unknown => {}
+                            State::First if repeats() => {}
+                            _ => continue,
+                        }
                         *others = problem.others(point, track, workspace);
                         let found = track.displacement(point);
                         let there = *others;
@@ -292,7 +324,7 @@ impl Repetition {
             },
         )?;
         for state in &mut self.states {
-            if *state == State::Unknown {
+            if matches!(state, State::Unknown | State::First) {
                 *state = State::Known;
             }
         }
@@ -436,7 +468,7 @@ impl Problem<'_> {
     /// The displacements other than that of `track` that explain the window of `point` as well.
     fn others(&self, point: [f32; 2], track: &TrackedPoint, workspace: &mut Workspace) -> Others {
         let mut others = Others::NONE;
-        let lags = self.lags(point, alike(track.unexplained));
+        let lags = self.lags(point, alike(track.unexplained), Half::Both);
         if lags.list().is_empty() {
             return others;
         }
