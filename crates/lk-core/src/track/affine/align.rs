@@ -34,6 +34,9 @@ const LEAST_COUNTING: f64 = 0.125;
 const HOPE: f64 = 0.3;
 const HOPE_STEPS: usize = 2;
 
+/// How many times as much as at the end may be left after the first step.
+const STILL_LEFT: f64 = 1.2;
+
 /// For each unknown a value for each pixel; 0 up to whole lanes.
 type Basis = [[f32; ROOM]; UNKNOWNS];
 
@@ -47,6 +50,8 @@ pub(in crate::track) struct Aligner {
     own_whole: bool,
     /// Bits to keep of each pixel, if some do not count.
     keep: [f32; ROOM],
+    /// How many of them were found for this template.
+    kept: usize,
     /// Grey levels of the template, and how much each unknown changes them.
     template: [f32; ROOM],
     basis: Basis,
@@ -67,6 +72,8 @@ pub(in crate::track) struct Input<'a> {
     pub(in crate::track) iterations: usize,
     /// Length of a step at the window's rim, in pixels, that is short enough.
     pub(in crate::track) tolerance: f64,
+    /// What may be left at the end, as a mean square.
+    pub(in crate::track) most_left: f64,
     pub(in crate::track) level: Level,
 }
 
@@ -104,6 +111,7 @@ impl Aligner {
             own: [COUNTS; _],
             own_whole: true,
             keep: [0.0; _],
+            kept: 0,
             template: [0.0; _],
             basis: [[0.0; ROOM]; _],
         }
@@ -122,6 +130,7 @@ impl Aligner {
         let count = window.width * window.height;
         let mut area = count as f64;
         let mut masked = false;
+        let mut met = Meeting::Whole;
         let unknowns = Unknowns::of(light);
         let mut square = self.square(count, masked, unknowns, input.level);
         let mut normal = Factor::new(&square, light)?;
@@ -152,10 +161,14 @@ impl Aligner {
             if !sampled {
                 return None;
             }
-            let counting = self.meet(input.to_support, &positions);
-            if masked || counting.is_some() {
-                masked = counting.is_some();
-                area = counting.unwrap_or(count as f64);
+            let meeting = self.meet(input.to_support, &positions);
+            if meeting != met {
+                met = meeting;
+                masked = met != Meeting::Whole;
+                area = match met {
+                    Meeting::Whole => count as f64,
+                    Meeting::Part { counting, .. } => counting as f64,
+                };
                 if area < LEAST_COUNTING * count as f64 {
                     return None;
                 }
@@ -177,7 +190,10 @@ impl Aligner {
             let signal = step.gain * step.gain * normal.contrast / area;
             let variance =
                 |normal: &Factor, left: f64| left / (area - normal.unknowns() as f64).max(1.0);
-            if iteration >= HOPE_STEPS && variance(&normal, step.left) > HOPE * signal {
+            let left = variance(&normal, step.left);
+            if iteration >= HOPE_STEPS && left > HOPE * signal
+                || iteration >= 1 && left > STILL_LEFT * input.most_left
+            {
                 return None;
             }
             // Steps shrink by a steady factor, so this is how far the rest of them would lead.
@@ -212,32 +228,40 @@ impl Aligner {
         None
     }
 
-    /// Find which pixels count with those of `support` at `positions`: how many, unless all do.
-    fn meet(&mut self, support: &Support, positions: &Positions) -> Option<f64> {
+    /// Find which pixels count with those of `support` at `positions`.
+    fn meet(&mut self, support: &Support, positions: &Positions) -> Meeting {
         let [x, y] = positions.bounds();
         let low = [x, y].map(|[low, _]| low.floor() as isize - 1);
         let high = [x, y].map(|[_, high]| high.floor() as isize + 2);
         let size = [0, 1].map(|axis: usize| (high[axis] - low[axis] + 1).max(0) as usize);
         let whole = support.has_all((low[0], low[1]), size[0], size[1]);
         if whole && self.own_whole {
-            return None;
+            return Meeting::Whole;
         }
         let all = f32::from_bits(u32::MAX);
-        let mut counting = 0usize;
+        let (mut counting, mut changed) = (0usize, false);
         let count = positions.columns * positions.rows;
-        for (index, keep) in self.keep[..count].iter_mut().enumerate() {
-            let mut counts = self.own_whole || self.own[index] >= CLIPPED;
-            if counts && !whole {
-                let [x, y] = positions
-                    .at(index)
-                    .map(|coordinate| coordinate.floor() as isize);
-                // The four pixels around on both axes.
-                counts = support.has_all((x - 1, y - 1), 4, 4);
+        let own = self.own[..count].chunks_exact(positions.columns);
+        let keep = self.keep[..count].chunks_exact_mut(positions.columns);
+        for (row, (keep, own)) in keep.zip(own).enumerate() {
+            for (column, (keep, own)) in keep.iter_mut().zip(own).enumerate() {
+                let mut counts = self.own_whole || *own >= CLIPPED;
+                if counts && !whole {
+                    let [x, y] = positions.at(column, row).map(whole_below);
+                    // The four pixels around on both axes.
+                    counts = support.has_all((x - 1, y - 1), 4, 4);
+                }
+                counting += usize::from(counts);
+                let bits = if counts { all } else { 0.0 };
+                changed |= keep.to_bits() != bits.to_bits();
+                *keep = bits;
             }
-            counting += usize::from(counts);
-            *keep = if counts { all } else { 0.0 };
         }
-        Some(counting as f64)
+        self.kept += usize::from(changed || self.kept == 0);
+        Meeting::Part {
+            counting,
+            turn: self.kept,
+        }
     }
 
     /// Sums of the products of what the unknowns change; above the diagonal.
@@ -297,7 +321,16 @@ impl Aligner {
             [first.floor() as isize, first.ceil() as isize]
         });
         let size = (window.width, window.height);
-        self.own_whole = input.from_support.least(reads, size, [2, 2], &mut self.own);
+        let place = reads.map(|[low, _]| low - 2);
+        let [columns, rows] = [0, 1].map(|axis: usize| {
+            let [low, high] = reads[axis];
+            [size.0, size.1][axis] + (high - low) as usize + 4
+        });
+        let support = input.from_support;
+        // Clipped pixels count here: where only they are missing, all count.
+        self.own_whole = support.has_all((place[0], place[1]), columns, rows)
+            || support.least(reads, size, [2, 2], &mut self.own);
+        self.kept = 0;
         sampled.then(|| {
             dispatch(
                 input.level,
@@ -310,6 +343,23 @@ impl Aligner {
             )
         })
     }
+}
+
+/// Which pixels of a window count at both of its ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Meeting {
+    Whole,
+    /// So many; `turn` tells those of one place from those of another.
+    Part {
+        counting: usize,
+        turn: usize,
+    },
+}
+
+/// The whole number below; without a call of a library, and for what lies near a frame.
+fn whole_below(coordinate: f64) -> isize {
+    let whole = coordinate as isize;
+    whole - isize::from(whole as f64 > coordinate)
 }
 
 /// Fill template and basis from samples with one more on each side.

@@ -72,6 +72,15 @@ pub(in crate::track) struct Found {
     pub(in crate::track) warp: Warp,
 }
 
+/// What came of a try.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::track) enum Outcome {
+    Found(Found),
+    /// Nothing, and other starts are not worth a try: from a good one no warp is better than the displacement.
+    Settled,
+    Nothing,
+}
+
 impl Problem<'_> {
     /// Track `point` from the best of `starts`, if that is better than `before`.
     pub(in crate::track) fn deform(
@@ -80,7 +89,7 @@ impl Problem<'_> {
         before: &TrackedPoint,
         starts: &[Start],
         aligner: &mut Aligner,
-    ) -> Option<Found> {
+    ) -> Outcome {
         let mut best: Option<(f64, Warp, Start)> = None;
         for start in starts {
             let (warp, unexplained) = self.lead(self.forward(), point, *start, aligner);
@@ -91,18 +100,49 @@ impl Problem<'_> {
                 break;
             }
         }
-        let (unexplained, warp, start) = best?;
+        let Some((unexplained, warp, start)) = best else {
+            return Outcome::Nothing;
+        };
         if start.level > 0 && !before.is_valid() && (unexplained > HOPEFUL || unexplained.is_nan())
         {
-            return None;
+            return Outcome::Nothing;
         }
+        let rival = f64::from(before.residual);
+        // What is left has to be less than what a displacement leaves.
+        let must_win = before.is_valid() && self.options.deformation != Deformation::Affine;
+        let most_left = if must_win {
+            LESS_LEFT * rival * rival
+        } else {
+            f64::INFINITY
+        };
         let output = self.finish(
             self.forward(),
             point,
             warp,
-            (Filter::Spline, self.tolerance()),
+            (Filter::Spline, self.tolerance(), most_left),
             aligner,
-        )?;
+        );
+        let Some(output) = output.filter(|output| output.variance <= most_left) else {
+            return if must_win && unexplained < MAX_UNEXPLAINED {
+                Outcome::Settled
+            } else {
+                Outcome::Nothing
+            };
+        };
+        match self.conclude_warp(point, &output, start, aligner) {
+            Some(found) => Outcome::Found(found),
+            None => Outcome::Nothing,
+        }
+    }
+
+    /// Judge what was found for `point` from `start`.
+    fn conclude_warp(
+        &self,
+        point: [f32; 2],
+        output: &Output,
+        start: Start,
+        aligner: &mut Aligner,
+    ) -> Option<Found> {
         let displacement = output.warp.shift;
         let position = [
             (f64::from(point[0]) + displacement[0]) as f32,
@@ -126,14 +166,10 @@ impl Problem<'_> {
         };
         let unexplained = output.variance / output.signal;
         let residual = output.variance.sqrt() as f32;
-        let rival = f64::from(before.residual);
         // The share is NaN where the window has no contrast.
         if self.judge(&fit, position).is_err()
             || unexplained.is_nan()
             || unexplained > MAX_UNEXPLAINED
-            || (before.is_valid()
-                && self.options.deformation != Deformation::Affine
-                && output.variance > LESS_LEFT * rival * rival)
         {
             return None;
         }
@@ -150,7 +186,7 @@ impl Problem<'_> {
                 self.backward(),
                 position,
                 back,
-                (filter, tolerance),
+                (filter, tolerance, f64::INFINITY),
                 aligner,
             )?;
             let back = back.warp.shift;
@@ -198,6 +234,7 @@ impl Problem<'_> {
                 light: Light::of(self.options.illumination),
                 iterations: COARSE_ITERATIONS.min(self.options.max_iterations),
                 tolerance: COARSE_TOLERANCE,
+                most_left: f64::INFINITY,
                 level: self.level,
             };
             if let Some(output) = aligner.align(&input) {
@@ -214,7 +251,7 @@ impl Problem<'_> {
         way: Direction<'_>,
         point: [f32; 2],
         start: Warp,
-        (filter, tolerance): (Filter, f64),
+        (filter, tolerance, most_left): (Filter, f64, f64),
         aligner: &mut Aligner,
     ) -> Option<Output> {
         aligner.align(&Input {
@@ -229,6 +266,7 @@ impl Problem<'_> {
             light: Light::of(self.options.illumination).with_tilt(),
             iterations: self.options.max_iterations,
             tolerance,
+            most_left,
             level: self.level,
         })
     }

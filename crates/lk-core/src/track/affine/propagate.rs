@@ -8,7 +8,7 @@ use crate::memory::{replace, reserve, resize};
 use crate::parallel::{RowsMut, for_each_band};
 use crate::track::POINTS;
 use crate::track::affine::align::Aligner;
-use crate::track::affine::attempt::{Found, Starts};
+use crate::track::affine::attempt::{Outcome, Starts};
 use crate::track::affine::candidates::candidates;
 use crate::track::affine::fit::Fit;
 use crate::track::affine::search::{Search, SearchMemory};
@@ -83,7 +83,7 @@ struct Attempt {
     tried: bool,
     leaves: bool,
     followed: [u32; NEIGHBOURS],
-    found: Option<Found>,
+    outcome: Outcome,
 }
 
 impl Deformed {
@@ -211,7 +211,7 @@ impl Deformed {
                     tried: !starts.list().is_empty(),
                     leaves,
                     followed,
-                    found: problem.deform(point, &state.before, starts.list(), aligner),
+                    outcome: problem.deform(point, &state.before, starts.list(), aligner),
                 })
             };
             let new = self.run(problem, tracks, &take)?;
@@ -281,7 +281,7 @@ impl Deformed {
                 tried: true,
                 leaves: state.leaves,
                 followed: state.followed,
-                found: problem.deform(point, &state.before, starts.list(), aligner),
+                outcome: problem.deform(point, &state.before, starts.list(), aligner),
             })
         };
         let mut new = 0;
@@ -326,7 +326,7 @@ impl Deformed {
             tried: false,
             leaves: false,
             followed: [NONE; NEIGHBOURS],
-            found: None,
+            outcome: Outcome::Nothing,
         };
         resize(POINTS, &mut self.found, open.len(), none)?;
         for_each_band(
@@ -348,10 +348,13 @@ impl Deformed {
             let index = self.open[entry];
             let attempt = self.found[entry];
             let state = &mut self.states[index as usize];
-            state.tries += u8::from(attempt.tried);
+            state.tries = match attempt.outcome {
+                Outcome::Settled => MAX_TRIES,
+                _ => (state.tries + u8::from(attempt.tried)).min(MAX_TRIES),
+            };
             state.leaves = attempt.leaves;
             state.followed = attempt.followed;
-            if let Some(found) = attempt.found {
+            if let Outcome::Found(found) = attempt.outcome {
                 state.warp = Some(found.warp);
                 state.deformed = true;
                 tracks[index as usize] = found.track;

@@ -141,9 +141,9 @@ impl Positions {
         }
     }
 
-    /// The position of a sample, counted row by row.
-    pub(in crate::track) fn at(&self, index: usize) -> [f64; 2] {
-        let (column, row) = ((index % self.columns) as f64, (index / self.columns) as f64);
+    /// The position of a sample.
+    pub(in crate::track) fn at(&self, column: usize, row: usize) -> [f64; 2] {
+        let (column, row) = (column as f64, row as f64);
         [0, 1].map(|axis: usize| {
             self.first[axis] + column * self.across[axis] + row * self.down[axis]
         })
