@@ -4,7 +4,7 @@ use arbitrary::Arbitrary;
 use lk_core::{Corner, CornerOptions, Execution, detect_corners};
 use ndarray::Array2;
 
-use crate::frames::{Frames, Grey, mask};
+use crate::frames::{Frames, Grey, covered, mask};
 use crate::{by_depth, others, plain};
 
 /// A frame and options.
@@ -57,6 +57,14 @@ fn check_as<T: Grey>(case: &Case) {
         bits(&detect_corners(rows.view(), view, &options(plain())).unwrap()),
         bits(&corners)
     );
+    for seed in [1, 2] {
+        let other = covered(&rows, mask.as_ref(), seed);
+        assert_eq!(
+            bits(&detect_corners(other.view(), view, &options(plain())).unwrap()),
+            bits(&corners),
+            "masked pixels count"
+        );
+    }
     if case.max_corners > 0 {
         assert!(corners.len() <= usize::from(case.max_corners));
     }

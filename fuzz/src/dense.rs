@@ -17,7 +17,7 @@ pub struct Case {
     preset: u8,
     illumination: u8,
     max_displacement: Option<f32>,
-    mask: Option<u16>,
+    masks: [Option<u16>; 2],
     initial: Option<(f32, f32)>,
 }
 
@@ -32,7 +32,7 @@ pub fn check(case: &Case) {
 fn check_as<T: Grey>(case: &Case) {
     let (prev, next) = case.frames.pair::<T>();
     let (height, width) = case.frames.size();
-    let mask = mask((height, width), case.mask);
+    let [mask, next_mask] = case.masks.map(|seed| mask((height, width), seed));
     let initial = case.initial.map(|(u, v)| {
         Array3::from_shape_fn((height, width, 2), |(_, x, axis)| {
             if axis == 0 { u } else { v * (x % 7) as f32 }
@@ -41,6 +41,7 @@ fn check_as<T: Grey>(case: &Case) {
     let hints = DenseHints {
         initial: initial.as_ref().map(|flow| flow.view()),
         mask: mask.as_ref().map(|mask| mask.view()),
+        next_mask: next_mask.as_ref().map(|mask| mask.view()),
     };
     let options = |execution: Execution| {
         DenseOptions::default()
@@ -58,6 +59,19 @@ fn check_as<T: Grey>(case: &Case) {
     let Ok(field) = field else { return };
     assert_eq!((field.height(), field.width()), (height, width));
     meaning(&field);
+    for (((keep, uv), valid), residual) in mask
+        .iter()
+        .flatten()
+        .zip(field.uv().chunks_exact(2))
+        .zip(field.valid())
+        .zip(field.residual())
+    {
+        let unknown = uv.iter().all(|value| value.is_nan()) && residual.is_nan();
+        assert!(
+            *keep || unknown && !valid,
+            "a masked pixel: {uv:?} {residual}"
+        );
+    }
     for execution in others() {
         same(&run(execution).unwrap(), &field);
     }
@@ -93,7 +107,7 @@ fn near_the_truth(case: &Case, field: &FlowField) {
     let lit = light(case.illumination) == Illumination::GainOffset;
     if !lit
         || case.initial.is_some()
-        || case.mask.is_some()
+        || case.masks.iter().any(Option::is_some)
         || field.height().min(field.width()) < 48
     {
         return;
@@ -144,7 +158,7 @@ fn meaning(field: &FlowField) {
     }
 }
 
-fn same(got: &FlowField, want: &FlowField) {
+pub(crate) fn same(got: &FlowField, want: &FlowField) {
     let bits = |values: &[f32]| {
         values
             .iter()

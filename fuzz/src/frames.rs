@@ -101,6 +101,14 @@ impl Frames {
         ) && self.odd.is_empty()
     }
 
+    /// Whether no grey level is at an end of what its type holds.
+    pub fn in_range(&self) -> bool {
+        !self
+            .odd
+            .iter()
+            .any(|(.., odd)| matches!(odd, Odd::Lowest | Odd::Largest))
+    }
+
     /// The motion, where the frames are a scene whose grey levels this pixel type holds.
     pub fn truth(&self) -> Option<[f64; 2]> {
         let Content::Scene(_) = self.content else {
@@ -334,9 +342,44 @@ fn place(
     }
 }
 
-/// A mask with holes, or none.
+/// A mask, or none: with holes anywhere, a part at one side, a frame around, or a hole within.
 pub fn mask(size: (usize, usize), seed: Option<u16>) -> Option<Array2<bool>> {
-    let mut random = generator(u64::from(seed?));
+    let seed = seed?;
+    let mut random = generator(u64::from(seed));
     let share = random();
-    Some(Array2::from_shape_simple_fn(size, || random() < share))
+    if seed % 4 == 0 {
+        return Some(Array2::from_shape_simple_fn(size, || random() < share));
+    }
+    let (down, across) = (share * size.0 as f64, random() * size.1 as f64);
+    Some(Array2::from_shape_fn(size, |(y, x)| {
+        let (y, x) = (y as f64, x as f64);
+        match seed % 4 {
+            1 => y < down,
+            2 => y >= down && x >= across,
+            _ => (y - down).abs() > 0.3 * size.0 as f64 || (x - across).abs() > 7.0,
+        }
+    }))
+}
+
+/// A frame whose pixels that a mask takes away are others: whatever they show, nothing may depend on it.
+pub fn covered<T: Grey>(frame: &Array2<T>, mask: Option<&Array2<bool>>, seed: u64) -> Array2<T> {
+    let mut random = generator(seed);
+    let mut covered = frame.clone();
+    let Some(mask) = mask else { return covered };
+    for (value, keep) in covered.iter_mut().zip(mask) {
+        let chance = random();
+        let odd = [
+            Odd::Nan,
+            Odd::Infinite,
+            Odd::Lowest,
+            Odd::Largest,
+            Odd::Tiny,
+        ];
+        if !keep {
+            *value = T::odd(odd[(chance * 64.0) as usize % odd.len()])
+                .filter(|_| chance < 0.5)
+                .unwrap_or_else(|| T::of((256.0 * random()).floor()));
+        }
+    }
+    covered
 }

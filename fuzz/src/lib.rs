@@ -10,6 +10,7 @@ pub mod dense;
 pub mod frames;
 pub mod pyramid;
 pub mod shift;
+pub mod stream;
 pub mod track;
 
 use lk_core::{Execution, Level};

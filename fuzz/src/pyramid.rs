@@ -70,8 +70,9 @@ fn check_as<T: Grey>(case: &Case) {
             f32::from(x % 7168) / 64.0 - 8.0,
             f32::from(y % 7168) / 64.0 - 8.0,
         );
-        let error =
-            (f64::from(bilinear(plane, x, y).unwrap()) - between(&greys, f64::from(x), f64::from(y))).abs();
+        let error = (f64::from(bilinear(plane, x, y).unwrap())
+            - between(&greys, f64::from(x), f64::from(y)))
+        .abs();
         assert!(error <= 4.0 * rounding, "bilinear at ({x}, {y}): {error}");
         // A spline passes through its pixels.
         let (column, row) = (

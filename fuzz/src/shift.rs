@@ -2,11 +2,11 @@
 
 use arbitrary::Arbitrary;
 use lk_core::{
-    ShiftDeformation, Execution, Illumination, Masks, Roi, Shift, ShiftOptions, ShiftStatus,
+    Execution, Illumination, Masks, Roi, Shift, ShiftDeformation, ShiftOptions, ShiftStatus,
     estimate_shift,
 };
 
-use crate::frames::{Frames, Grey, mask};
+use crate::frames::{Frames, Grey, covered, mask};
 use crate::{by_depth, others, plain};
 
 /// Frames and options.
@@ -69,6 +69,12 @@ fn check_as<T: Grey>(case: &Case) {
     let (rows_prev, rows_next) = (prev.rows(), next.rows());
     let rows = estimate_shift(rows_prev.view(), rows_next.view(), masks, &options(plain()));
     assert_eq!(bits(&rows.unwrap()), bits(&shift));
+    for seed in [1, 2] {
+        let prev = covered(&rows_prev, mask.as_ref(), seed);
+        let next = covered(&rows_next, next_mask.as_ref(), seed + 7);
+        let other = estimate_shift(prev.view(), next.view(), masks, &options(plain()));
+        assert_eq!(bits(&other.unwrap()), bits(&shift), "masked pixels count");
+    }
     if case.frames.still() && shift.is_valid() && case.masks.iter().all(Option::is_none) {
         assert_eq!((shift.dx, shift.dy), (0.0, 0.0));
     }

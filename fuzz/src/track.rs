@@ -1,9 +1,12 @@
 //! `track_points`.
 
 use arbitrary::Arbitrary;
-use lk_core::{Deformation, Execution, Illumination, Masks, PointStatus, TrackOptions, TrackedPoint, track_points};
+use lk_core::{
+    Deformation, Execution, Illumination, Masks, PointStatus, TrackOptions, TrackedPoint,
+    track_points,
+};
 
-use crate::frames::{Frames, Grey, mask};
+use crate::frames::{Frames, Grey, covered, mask};
 use crate::shift::light;
 use crate::{by_depth, others, plain};
 
@@ -40,8 +43,9 @@ pub fn check(case: &Case) {
 fn check_as<T: Grey>(case: &Case) {
     let (prev, next) = case.frames.pair::<T>();
     let masks = [case.mask, case.next_mask].map(|seed| mask(case.frames.size(), seed));
+    let [mask, next_mask] = &masks;
     let masks = || {
-        let [prev, next] = &masks;
+        let [prev, next] = [mask, next_mask];
         Masks::default()
             .prev(prev.as_ref().map(|mask| mask.view()))
             .next(next.as_ref().map(|mask| mask.view()))
@@ -108,6 +112,17 @@ fn check_as<T: Grey>(case: &Case) {
         &options(plain()),
     );
     assert_eq!(bits(&rows.unwrap()), bits(&tracks));
+    for seed in [1, 2] {
+        let other = track_points(
+            covered(&rows_prev, mask.as_ref(), seed).view(),
+            covered(&rows_next, next_mask.as_ref(), seed + 7).view(),
+            &points,
+            guesses,
+            masks(),
+            &options(plain()),
+        );
+        assert_eq!(bits(&other.unwrap()), bits(&tracks), "masked pixels count");
+    }
     near_the_truth(case, &points, &tracks, window_x.min(window_y));
 }
 
@@ -137,7 +152,7 @@ fn near_the_truth(case: &Case, points: &[[f32; 2]], tracks: &[TrackedPoint], win
 }
 
 /// An answer is whole, or it is NaN with infinite variance.
-fn meaning(track: &TrackedPoint) {
+pub(crate) fn meaning(track: &TrackedPoint) {
     let [xx, xy, yy] = track.covariance;
     if track.is_valid() {
         assert!(
@@ -162,7 +177,7 @@ fn meaning(track: &TrackedPoint) {
     }
 }
 
-fn bits(tracks: &[TrackedPoint]) -> Vec<[u32; 8]> {
+pub(crate) fn bits(tracks: &[TrackedPoint]) -> Vec<[u32; 8]> {
     let one = |track: &TrackedPoint| {
         let [x, y] = track.position.map(f32::to_bits);
         let [xx, xy, yy] = track.covariance.map(f32::to_bits);

@@ -45,6 +45,11 @@ fn track() {
 }
 
 #[test]
+fn stream() {
+    run(lk_core_fuzz::stream::check);
+}
+
+#[test]
 fn dense() {
     run(lk_core_fuzz::dense::check);
 }

@@ -185,7 +185,8 @@ impl Support {
         execution: &Execution,
     ) -> Result<()> {
         let greys = Greys::of(frame);
-        self.take_within(frame, mask, &greys, limits(frame, &greys), execution)
+        let limits = limits(frame, mask, &greys);
+        self.take_within(frame, mask, &greys, limits, execution)
     }
 
     /// The same, clipped pixels among them.
@@ -483,28 +484,61 @@ impl Support {
 /// The least and the largest grey level where those of `frame` are cut off.
 ///
 /// Bytes are cut off at 0 and 255. Deeper types hold the grey levels of sensors of many depths, and floats any range: the
-/// ends are those of the frame. At either end there must be a pile of them, with slopes that lead to it.
-fn limits<T: Pixel>(frame: Frame<'_, T>, greys: &Greys) -> [Option<f32>; 2] {
-    let Some([low, high]) = greys.extremes() else {
+/// ends are those of the frame. At either end there must be a pile of them, with slopes that lead to it. What `mask` takes
+/// away says nothing of that.
+fn limits<T: Pixel>(
+    frame: Frame<'_, T>,
+    mask: Option<ArrayView2<'_, bool>>,
+    greys: &Greys,
+) -> [Option<f32>; 2] {
+    let extremes = match mask {
+        Some(mask) => kept_extremes(frame, mask),
+        None => greys.extremes(),
+    };
+    let Some([low, high]) = extremes else {
         return [None; 2];
     };
     let reached = |end: f32, limit: f32| T::DEPTH != Some(8) || end == limit;
     let soft = SOFT_STEP * (high - low);
     [(low, 0.0), (high, 255.0)].map(|(end, limit)| {
-        (reached(end, limit) && high > low && piles_up(frame, end, soft)).then_some(end)
+        (reached(end, limit) && high > low && piles_up(frame, mask, end, soft)).then_some(end)
     })
 }
 
-/// Whether grey levels pile up at `end`, within slopes whose steps are at most `soft`.
-fn piles_up<T: Pixel>(frame: Frame<'_, T>, end: f32, soft: f32) -> bool {
-    let least = (PILE_SHARE * frame.len() as f64).max(LEAST_PILE as f64);
+/// The least and the largest finite grey level that `mask` keeps.
+fn kept_extremes<T: Pixel>(frame: Frame<'_, T>, mask: ArrayView2<'_, bool>) -> Option<[f32; 2]> {
+    let mut found = [f32::INFINITY, f32::NEG_INFINITY];
+    for (row, keep) in frame.rows().into_iter().zip(mask.rows()) {
+        for (value, keep) in row.iter().zip(keep) {
+            let value = value.to_f32();
+            if *keep && value.is_finite() {
+                found = [found[0].min(value), found[1].max(value)];
+            }
+        }
+    }
+    (found[0] <= found[1]).then_some(found)
+}
+
+/// Whether grey levels that `mask` keeps pile up at `end`, within slopes whose steps are at most `soft`.
+fn piles_up<T: Pixel>(
+    frame: Frame<'_, T>,
+    mask: Option<ArrayView2<'_, bool>>,
+    end: f32,
+    soft: f32,
+) -> bool {
+    let keep = |y: usize, x: usize| mask.is_none_or(|mask| mask[(y, x)]);
+    let among = mask.map_or(frame.len(), |mask| {
+        mask.iter().filter(|keep| **keep).count()
+    });
+    let least = (PILE_SHARE * among as f64).max(LEAST_PILE as f64);
     let mut found = Pile::default();
-    for row in frame.rows() {
+    for (y, row) in frame.rows().into_iter().enumerate() {
         let part = match row.as_slice() {
-            Some(row) => dispatch(Level::detected(), Count { row, end }),
-            None => row
+            Some(row) if mask.is_none() => dispatch(Level::detected(), Count { row, end }),
+            _ => row
                 .iter()
-                .map(|value| u32::from(value.to_f32() == end))
+                .enumerate()
+                .map(|(x, value)| u32::from(value.to_f32() == end && keep(y, x)))
                 .sum(),
         };
         found.pixels += part as usize;
@@ -512,9 +546,13 @@ fn piles_up<T: Pixel>(frame: Frame<'_, T>, end: f32, soft: f32) -> bool {
     if (found.pixels as f64) < least {
         return false;
     }
-    for row in frame.rows() {
+    for (y, row) in frame.rows().into_iter().enumerate() {
         let mut last = f32::NAN;
-        for value in row {
+        for (x, value) in row.iter().enumerate() {
+            if !keep(y, x) {
+                last = f32::NAN;
+                continue;
+            }
             let value = value.to_f32();
             let step = (value - last).abs();
             let is_step = step > 0.0 && (value == end || last == end);
@@ -627,6 +665,36 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn what_a_mask_takes_away_says_nothing_of_where_grey_levels_are_cut_off() {
+        let slope =
+            |x: usize, y: usize| 180.0 + 120.0 * (x as f32 * 0.2).sin() * (y as f32 * 0.15).cos();
+        let scene = Array2::from_shape_fn((60, 80), |(y, x)| slope(x, y).min(255.0) as u8);
+        let mask = Array2::from_shape_fn((60, 80), |(y, x)| (x / 3 + y / 4) % 3 > 0);
+        let covered = |cover: u8| {
+            let frame =
+                Array2::from_shape_fn((60, 80), |at| if mask[at] { scene[at] } else { cover });
+            support(&frame, Some(&mask)).bytes
+        };
+        let found = covered(0);
+        assert!(found.contains(&CLIPPED));
+        for cover in [90, 254, 255] {
+            assert_eq!(covered(cover), found, "{cover}");
+        }
+        let small = |cover: u8| {
+            let mask = Array2::from_shape_fn((60, 80), |(y, _)| y > 30);
+            let frame = Array2::from_shape_fn((60, 80), |(y, x)| {
+                if mask[(y, x)] {
+                    (slope(x, y) / 2.0) as u8
+                } else {
+                    cover
+                }
+            });
+            support(&frame, Some(&mask)).bytes
+        };
+        assert_eq!(small(0), small(255));
     }
 
     #[test]

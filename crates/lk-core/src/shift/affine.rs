@@ -573,6 +573,12 @@ fn solve(
             covariance[i][j] *= in_band * damping * excess;
         }
     }
+    // Rounding makes the two halves differ.
+    for i in 0..MOTION {
+        for j in 0..i {
+            covariance[i][j] = covariance[j][i];
+        }
+    }
     let by_noise = in_band * damping;
     let curvature = correction(
         clusters,
