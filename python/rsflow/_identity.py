@@ -76,6 +76,8 @@ def of_settings(settings: Mapping[str, Any], *, files: Iterable[str] = ()) -> st
         value = settings[name]
         if name in files and isinstance(value, (str, os.PathLike)):
             value = of_file(Path(value)) or os.fspath(value)
+        if isinstance(value, np.ndarray):
+            value = _array(value)
         if isinstance(value, np.generic):
             value = value.item()
         if isinstance(value, float) and value.is_integer():

@@ -252,12 +252,14 @@ def by_flow(
     rounding: float,
     most_spread: float,
     variance: F32 | None = None,
+    counts: Mask | None = None,
 ) -> FlowEvidence:
     """Find the regions whose residual motion is significant and explains the picture better than rest does.
 
     `kept` is where something moved in the frame before, carried along by the camera's motion: there less is enough.
     Noise does not jump: a spread above `most_spread` comes from a thing that fills much of the frame.
     `variance` is the usual one of the difference at each pixel, where it is known: leaves in the wind have more.
+    Where `counts` is False pictures are not compared, and windows around take the difference for none.
     """
     import cv2
 
@@ -269,11 +271,15 @@ def by_flow(
     spread = noise_of(current - (stood * np.float32(gain) + np.float32(offset)), still)
     light = light_between(stood, current, still, spread, (gain, offset))
     by_rest = current - light.on(stood)
+    if counts is not None:
+        by_rest[~counts] = 0
     # Two frames differ by the noise of both, and rounding is part of it.
     spread = max(min(noise_of(by_rest, still), most_spread), np.sqrt(2) * rounding)
     square = box(by_rest * by_rest, _DIFFERENCE_WINDOW)
     usual = spread**2 if variance is None else np.maximum(variance, np.float32(2 * rounding**2))
     by_motion = current - light.on(moved)
+    if counts is not None:
+        by_motion[~counts] = 0
     gx, gy = gradient(current)
     slope = gx * gx + gy * gy
     rest, motion = mismatch(by_rest, slope, usual), mismatch(by_motion, slope, usual)

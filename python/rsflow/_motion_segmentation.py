@@ -51,6 +51,9 @@ class MotionSegmentation:
     status : str
         ``"ok"``; ``"first_frame"``, with nothing to compare to; ``"no_camera_motion"`` where the flow does not tell the
         camera's motion. In the last two nothing is moving.
+    mask : (H, W) bool, or None
+        True where a pixel counts, as the segmenter was told; elsewhere nothing is moving, `residual` is NaN and
+        `background` what other frames saw there, if they did. None: all count.
 
     Examples
     --------
@@ -74,6 +77,7 @@ class MotionSegmentation:
     labels: NDArray[np.int32]
     background: F32
     status: str
+    mask: Mask | None = None
 
     @property
     def valid(self) -> bool:
@@ -131,7 +135,8 @@ class MotionSegmentation:
         """
         out = self._canvas(picture)
         # Only what is replaced is looked at: most of a picture stands still.
-        rows, columns = regions.pixels(regions.dilated(self.moving, 5))
+        near = regions.dilated(self.moving, 5)
+        rows, columns = regions.pixels(near if self.mask is None else near & self.mask)
         behind = self.background[rows, columns]
         low, high = (0.0, 255.0) if self.image.dtype == np.uint8 else _drawing.display_range(self.image)
         filled = np.clip((np.nan_to_num(behind) - low) * (255.0 / max(high - low, 1e-6)), 0, 255)

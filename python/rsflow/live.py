@@ -100,6 +100,7 @@ def readings(
     height_m: float | None = None,
     height_std_m: float | None = None,
     roi: tuple[int, int, int, int] | None = None,
+    mask: NDArray[np.bool_] | str | os.PathLike[str] | None = None,
     illumination: Illumination = "gain_offset",
     max_displacement: float | None = None,
     timeout_s: float = 5.0,
@@ -116,6 +117,9 @@ def readings(
         Distance from the ground, and its standard deviation, in metres; 0 says that it is exact.
     roi : (x, y, width, height), optional
         Part of the picture to look at, in pixels.
+    mask : ndarray of bool, (height, width), or path, optional
+        True where a pixel counts, in every frame; of a picture file, what is not black. It is of the whole picture:
+        `roi` is allowed for.
     illumination : {"gain_offset", "offset", "none"}
         Change of light that is allowed for.
     max_displacement : float, optional
@@ -134,6 +138,8 @@ def readings(
         If the camera cannot be opened, or goes away.
     OptionError
         If an option is outside of what it allows.
+    DTypeError, ShapeError
+        If the mask is not of bool, or has not the size of the pictures.
 
     Examples
     --------
@@ -151,31 +157,38 @@ def readings(
     height_std_m = _checks.number_or_none("height_std_m", height_std_m, least=0, of="metres")
     knobs.illumination(illumination)
     knobs.max_displacement(max_displacement)
+    mask = _checks.path("mask", mask) if isinstance(mask, (str, os.PathLike)) else _checks.mask_or_none("mask", mask)
     stream = frames(source, color=True, roi=roi, timeout_s=timeout_s)
     ground = None if camera is None else {"camera": camera, "height_m": height_m, "height_std_m": height_std_m}
-    return _measured(stream, ground, roi, illumination=illumination, max_displacement=max_displacement)
+    return _measured(stream, ground, roi, mask, illumination=illumination, max_displacement=max_displacement)
 
 
 def _measured(
-    stream: Frames, ground: dict[str, Any] | None, roi: tuple[int, int, int, int] | None, **options: Any
+    stream: Frames,
+    ground: dict[str, Any] | None,
+    roi: tuple[int, int, int, int] | None,
+    mask: NDArray[np.bool_] | str | os.PathLike[str] | None,
+    **options: Any,
 ) -> Iterator[LiveReading]:
     from . import estimate_shift
+    from ._masks import mask_of_frames
     from .extraction.rows import status_word
 
     estimator: Any = None
     scaled = ""
     prev: Any = None
     with stream:
+        counts = mask_of_frames(mask, stream, roi)
         for frame in stream:
             if estimator is None and ground is not None:
                 from .extraction.metric import fitting_camera
                 from .velocity import VelocityEstimator
 
                 fitted, scaled = fitting_camera(ground.pop("camera"), stream, roi)
-                estimator = VelocityEstimator(fitted, **ground)
+                estimator = VelocityEstimator(fitted, **ground, mask=counts)
             velocity = None if estimator is None else estimator.update(frame.image, frame.t_s)
             if prev is not None:
-                shift = estimate_shift(prev.image, frame.image, **options)
+                shift = estimate_shift(prev.image, frame.image, mask=counts, next_mask=counts, **options)
                 std = np.sqrt(np.diag(shift.covariance))
                 yield LiveReading(
                     frame=frame.index,

@@ -20,6 +20,7 @@ from . import _regions as regions
 from ._background import Background, warped
 from ._checks.knobs import Illumination, Preset
 from ._light import fit_light
+from ._masks import FixedMask
 from ._motion_segmentation import MotionSegmentation
 from ._outline import Outline, shows_background
 from ._reduction import Reduction
@@ -79,11 +80,17 @@ class MotionSegmenter(Shared):
         The largest motion to expect, in pixels per frame.
     min_area : int, optional
         Things of fewer pixels are left out; by default a ten-thousandth of the frame, and at least 12.
+    mask : ndarray of bool, (height, width), optional
+        True where a pixel counts, in every frame: False where the picture shows what is fixed to the sensor, such as
+        letters over the picture or a part of the own vehicle. There nothing is ever moving or part of a thing, and
+        nothing depends on what the picture shows there.
 
     Raises
     ------
     OptionError
         If `camera_motion` or `min_area` is out of range.
+    DTypeError
+        If the mask is not of bool.
 
     Notes
     -----
@@ -108,6 +115,7 @@ class MotionSegmenter(Shared):
         **dict.fromkeys(("static_camera", "_parallax", "_flow_is_ours"), (bool, np.bool_)),
         "min_area": (numbers.Integral, type(None)),
         "_flow": (DenseFlow,),
+        "_fixed": (FixedMask, type(None)),
         **dict.fromkeys(("_previous", "_moving"), (np.ndarray, type(None))),
         "_outline": (Outline, type(None)),
         "_background": (Background,),
@@ -123,12 +131,22 @@ class MotionSegmenter(Shared):
         illumination: Illumination = "gain_offset",
         max_displacement: float | None = None,
         min_area: int | None = None,
+        mask: NDArray[np.bool_] | None = None,
     ) -> None:
         _checks.choice("camera_motion", camera_motion, ("moving", "static"))
         min_area = _checks.integer_or_none("min_area", min_area, least=1, of="pixels")
         self.static_camera = camera_motion == "static"
         self.min_area = min_area
-        self._flow = DenseFlow(preset=preset, illumination=illumination, max_displacement=max_displacement)
+        mask = _checks.mask_or_none("mask", mask)
+        self._fixed = None if mask is None else FixedMask(mask)
+        pixels = None if self._fixed is None else self._fixed.pixels
+        self._flow = DenseFlow(
+            preset=preset,
+            illumination=illumination,
+            max_displacement=max_displacement,
+            mask=pixels,
+            next_mask=pixels,
+        )
         self.reset()
 
     @anew
@@ -163,14 +181,19 @@ class MotionSegmenter(Shared):
         Raises
         ------
         ShapeError, DTypeError
-            If it is not such a frame, or not of the size of the one before.
+            If it is not such a frame, or not of the size of the one before or of the mask.
         OptionError
             If a flow is given for some frames only.
         """
         image = _checks.frame("image", image)
         if image.size == 0:
             raise ShapeError(f"image: got shape {image.shape}, expected at least one pixel")
-        current = image.astype(np.float32)
+        counted = image
+        if self._fixed is not None:
+            self._fixed.expect_shape(image.shape)
+            # Coarse levels of the flow, and filters here, reach over pixels that do not count.
+            counted = self._fixed.filled(image)
+        current = counted.astype(np.float32)
         if image.dtype == np.float32:
             current = np.nan_to_num(current)
         self._rounding = _ROUNDING if image.dtype != np.float32 else max(1e-3 * float(np.ptp(current)), 1e-9)
@@ -182,7 +205,7 @@ class MotionSegmenter(Shared):
         if flow is None:
             if not self._flow_is_ours:
                 raise OptionError("flow: got None, expected that of every frame after the first, or of none")
-            flow = self._flow.update(image)
+            flow = self._flow.update(counted)
         elif self._previous is None:
             raise OptionError("flow: got one for the first frame, which has none, expected None, or reset() before")
         else:
@@ -199,7 +222,7 @@ class MotionSegmenter(Shared):
         self._moving = np.zeros(current.shape, bool)
         area = max(_LEAST_AREA, round(_LEAST_SHARE * current.size)) if self.min_area is None else self.min_area
         self._tracker = ObjectTracker(min_area=area, min_age=_LEAST_AGE)
-        self._background.add(current, self._moving)
+        self._background.add(current, self._uncounted(self._moving))
         model = "static" if self.static_camera else "none"
         return self._result(image, current, None, np.eye(3), model, (), "first_frame")
 
@@ -209,14 +232,16 @@ class MotionSegmenter(Shared):
         assert self._tracker is not None
         uv = np.asarray(flow.uv, np.float32)
         given: Mask = np.isfinite(uv[..., 0] + uv[..., 1])
+        if self._fixed is not None:
+            given &= self._fixed.pixels
         trusted = given & np.asarray(flow.valid, bool)
         camera = self._camera(uv, trusted)
         homography = camera.homography
         self._background.follow(homography)
         if camera.model == "none":
             self._background.reset()
-            self._background.add(current, np.zeros_like(self._moving))
             self._moving = np.zeros_like(self._moving)
+            self._background.add(current, self._uncounted(self._moving))
             objects = self._tracker.update(self._moving)
             return self._result(image, current, None, homography, "none", objects, "no_camera_motion")
         small = Reduction.of(current.shape)
@@ -231,6 +256,13 @@ class MotionSegmenter(Shared):
             residual = evidence.without_parallax(residual, small.point(epipole))
         # Where this frame shows what the one before did not, and windows reach over there, nothing is compared.
         known &= evidence.seen_before(known.shape, small.homography(homography))
+        counts = None
+        if self._fixed is not None:
+            counts = small.all(self._fixed.pixels)
+            known &= counts
+            # Nor was there anything to see where the frame before did not count.
+            there = warped(counts.view(np.uint8), small.homography(homography), missing=1, nearest=True)
+            counts = counts & there.view(bool)
         kept = small.any(warped(self._moving.view(np.uint8), homography, missing=0, nearest=True).view(bool))
         work = small.image(current)
         least = max(_LEAST_MOTION_PX, 3 * camera.sigma_px) / small.factor
@@ -247,6 +279,7 @@ class MotionSegmenter(Shared):
             rounding=self._rounding / small.factor,
             most_spread=_SPREAD_RISE * self._spread,
             variance=None if self._outline is None else self._outline.variance,
+            counts=counts,
         )
         self._spread = found.spread
         background = small.image(self._background.picture(small.full))
@@ -258,15 +291,23 @@ class MotionSegmenter(Shared):
             mask = found.moving
         size = max(3, round(min(mask.shape) / 80)) | 1
         mask = small.enlarged(regions.cleaned(mask, size, max(1, self._tracker.min_area // small.factor**2)))
+        if self._fixed is not None:
+            mask &= self._fixed.pixels
         residual[~known] = np.nan
         objects = self._tracker.update(mask, small.enlarged_motion(residual, mask & trusted), homography)
         self._moving = self._tracker.labels > 0
         away = regions.dilated(self._moving, size)
         if self._background.kept == 1:
             self._background.amend_first(evidence.carried_back(away, uv, given))
-        self._background.add(current, away)
+        self._background.add(current, self._uncounted(away))
         length = small.enlarged_image(np.hypot(residual[..., 0], residual[..., 1]) * np.float32(small.factor))
+        if self._fixed is not None:
+            length[~self._fixed.pixels] = np.nan
         return self._result(image, current, length, homography, camera.model, objects, "ok", parallax=self._parallax)
+
+    def _uncounted(self, away: Mask) -> Mask:
+        """Add the pixels that do not count to those that a background cannot be taken from."""
+        return away if self._fixed is None else away | ~self._fixed.pixels
 
     def _camera(self, uv: F32, valid: Mask) -> _camera_motion.CameraMotion:
         step = _VECTOR_STEP if min(valid.shape) >= 8 * _VECTOR_STEP else max(1, min(valid.shape) // 8)
@@ -311,7 +352,7 @@ class MotionSegmenter(Shared):
         assert self._moving is not None
         moving = self._moving
         background = self._background.picture(current.shape)
-        gain, offset = fit_light(background, current, ~moving)
+        gain, offset = fit_light(background, current, ~self._uncounted(moving))
         background = background * np.float32(gain) + np.float32(offset)
         return MotionSegmentation(
             image=image,
@@ -324,6 +365,7 @@ class MotionSegmenter(Shared):
             labels=self._tracker.labels if status != "first_frame" else np.zeros(moving.shape, np.int32),
             background=background,
             status=status,
+            mask=None if self._fixed is None else self._fixed.pixels,
         )
 
 

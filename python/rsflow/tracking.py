@@ -308,6 +308,8 @@ class PointTracker(Shared):
         As for `track_points`.
     deformation : {"auto", "none", "affine"}, optional
         As for `track_points`.
+    mask : ndarray of bool, shape (height, width), optional
+        True where a pixel of every frame counts, as for an overlay that is fixed to the sensor.
     record : bool, optional
         Keep what `to_table` needs: some 100 bytes for each point and frame.
 
@@ -339,6 +341,7 @@ class PointTracker(Shared):
         illumination: Illumination = "gain_offset",
         max_forward_backward: float | None = 0.5,
         deformation: Deformation = "auto",
+        mask: NDArray[np.bool_] | None = None,
         record: bool = False,
     ) -> None:
         options = knobs.tracking(
@@ -353,6 +356,8 @@ class PointTracker(Shared):
         )
         self._options = (options, *knobs.corners(max_corners, quality, min_distance))
         self._tracker = _core.PointTracker(*self._options)
+        fixed = _checks.mask_or_none("mask", mask)
+        self._mask = None if fixed is None else fixed.copy()
         self._table = TrackTable() if _checks.flag("record", record) else None
         self._frame = 0
         self._t_s = math.nan
@@ -368,7 +373,8 @@ class PointTracker(Shared):
         t_s : float, optional
             Its time in seconds, for the speeds of `to_table`; NaN where it is not known.
         mask : ndarray of bool, shape (height, width), optional
-            True where a pixel of this frame counts. Windows use the pixels that count and whose targets do.
+            True where a pixel of this frame counts, if the tracker's own mask says so too. Windows use the pixels that
+            count and whose targets do.
 
         Returns
         -------
@@ -379,10 +385,13 @@ class PointTracker(Shared):
         Raises
         ------
         ShapeError, DTypeError
-            If the frame is not one, or not of the size of those before.
+            If the frame is not one, or not of the size of those before, or a mask not of the frame's.
         """
         frame = _checks.frame("frame", frame)
         where = _checks.mask_or_none("mask", mask, frame.shape)
+        fixed = _checks.mask_or_none("mask", self._mask, frame.shape)
+        if fixed is not None:
+            where = fixed if where is None else fixed & where
         time = math.nan if t_s is None else _checks.number("t_s", t_s, of="seconds", or_nan=True, or_none=True)
         tracks = Tracks(**self._tracker.update(frame, where))
         if self._table is not None:
@@ -425,4 +434,6 @@ class PointTracker(Shared):
     def _unpacked(self, state: dict[str, Any]) -> dict[str, Any]:
         tracker = _core.PointTracker(*state["_options"])
         tracker.restore(state["_tracker"])
-        return {**state, "_tracker": tracker, "_frame": int(state["_frame"]), "_t_s": float(state["_t_s"])}
+        mask = _checks.mask_or_none("mask", state["_mask"])
+        numbers = {"_frame": int(state["_frame"]), "_t_s": float(state["_t_s"])}
+        return {**state, "_tracker": tracker, "_mask": mask, **numbers}

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "add_illumination",
+    "add_mask",
     "add_max_displacement",
     "add_overwrite",
     "add_preset",
@@ -22,6 +23,7 @@ __all__ = [
     "add_rate",
     "add_roi",
     "identity_of",
+    "mask_of",
     "source_of",
     "tell_notes",
 ]
@@ -47,6 +49,27 @@ def identity_of(source: Any, args: argparse.Namespace, *, files: tuple[str, ...]
 
     options = {name: value for name, value in vars(args).items() if name not in _ELSEWHERE}
     return Identity.of(source, options, files=files)
+
+
+def add_mask(parser: Arguments) -> None:
+    """Add --mask, of every frame."""
+    parser.add_argument(
+        "--mask",
+        metavar="FILE",
+        help="picture of the frames' size: what is black in it does not count in any frame, such as letters over the "
+        "picture or a part of the own vehicle",
+    )
+
+
+def mask_of(path: str | None, *, option: str = "--mask", size: tuple[int, int] | None = None) -> Any:
+    """Read the mask that an option names, held to the width and height of the frames where they are known."""
+    from rsflow._masks import expect_size, read_mask
+
+    if path is None:
+        return None
+    mask = read_mask(path)
+    expect_size(f"{option} {path}", mask, size)
+    return mask
 
 
 def add_overwrite(parser: Arguments, *, where: str = "OUT") -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rsflow.cli._options import (
     add_illumination,
+    add_mask,
     add_max_displacement,
     add_overwrite,
     add_preset,
@@ -40,6 +41,7 @@ examples:
   rsflow extract clip.mp4 -o out --camera cam.yaml --height 0.2
   rsflow extract 'frames/*.png' -o out --rate 30
   rsflow extract clip.mp4 -o out --start 100 --stop 400 --roi 0,80,640,400
+  rsflow extract clip.mp4 -o out --mask scene.png         black in scene.png: letters over the picture, own vehicle
   rsflow extract clip.mp4 -o out --json | python -c 'import json, sys; print(json.load(sys.stdin)["frames"])'
 
 Ctrl-C stops after the frame at hand: what is finished is kept, named *.partial.*, with a report; the same command with
@@ -61,6 +63,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     part = parser.add_argument_group("part of the source")
     add_range(part)
     add_roi(part)
+    add_mask(part)
     add_rate(part)
     how = parser.add_argument_group("how to measure")
     add_preset(how, default="fast")
@@ -98,6 +101,7 @@ def options(args: argparse.Namespace) -> dict[str, Any]:
         "stop": args.stop,
         "stride": args.stride,
         "roi": args.roi,
+        "mask": args.mask,
         "frame_rate": args.rate,
         "preset": args.preset,
         "camera_motion": args.camera_motion,

@@ -19,6 +19,7 @@ from rsflow.cli._options import (
     add_range,
     add_rate,
     identity_of,
+    mask_of,
     tell_notes,
 )
 from rsflow.errors import OptionError
@@ -92,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     return _pair(args)
 
 
-def _estimator(args: argparse.Namespace) -> DenseFlow:
+def _estimator(args: argparse.Namespace, size: tuple[int, int] | None) -> DenseFlow:
     from rsflow.flow import DenseFlow
     from rsflow.io import read_flow
 
@@ -101,8 +102,8 @@ def _estimator(args: argparse.Namespace) -> DenseFlow:
         illumination=args.illumination,
         max_displacement=args.max_displacement,
         initial=read_flow(args.initial) if args.initial else None,
-        mask=_only(args.mask).image != 0 if args.mask else None,
-        next_mask=_only(args.next_mask).image != 0 if args.next_mask else None,
+        mask=mask_of(args.mask, size=size),
+        next_mask=mask_of(args.next_mask, option="--next-mask", size=size),
     )
 
 
@@ -123,7 +124,7 @@ def _pair(args: argparse.Namespace) -> int:
     read.refuse(path for path in (args.output, args.picture) if path)
     expect_apart({"-o": args.output, "--picture": args.picture})
     first, second = (_only(path) for path in (args.source, args.next))
-    flow = _estimator(args)
+    flow = _estimator(args, (first.image.shape[1], first.image.shape[0]))
     flow.update(first.image)
     field = flow.update(second.image)
     assert field is not None
@@ -146,10 +147,12 @@ def _pairs(
     args: argparse.Namespace, source: Iterator[Frame], taken: list[int]
 ) -> Iterator[tuple[Frame, Frame, FlowField]]:
     """Measure pair after pair; `taken` counts the frames."""
-    flow = _estimator(args)
+    flow: DenseFlow | None = None
     before: Frame | None = None
     for frame in source:
         taken[0] += 1
+        if flow is None:
+            flow = _estimator(args, (frame.image.shape[1], frame.image.shape[0]))
         field = flow.update(frame.image)
         if field is not None and before is not None:
             yield before, frame, field

@@ -9,7 +9,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-from rsflow.cli._options import add_max_displacement, add_roi, source_of
+from rsflow.cli._options import add_mask, add_max_displacement, add_roi, source_of
 from rsflow.errors import RsflowError
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--height", type=float, metavar="M", help="height over the ground in metres, with --camera")
     parser.add_argument("--height-std", type=float, metavar="M", help="its standard deviation, 0 where it is exact")
     add_roi(parser)
+    add_mask(parser)
     add_max_displacement(parser)
     parser.add_argument("--frames", type=int, metavar="N", help="end after N lines")
     parser.add_argument("--seconds", type=float, metavar="S", help="end after S seconds")
@@ -57,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
         height_m=args.height,
         height_std_m=args.height_std,
         roi=args.roi,
+        mask=args.mask,
         max_displacement=args.max_displacement,
         timeout_s=args.timeout,
     )

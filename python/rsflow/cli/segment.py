@@ -9,12 +9,14 @@ import math
 from pathlib import Path
 
 from rsflow.cli._options import (
+    add_mask,
     add_max_displacement,
     add_overwrite,
     add_preset,
     add_range,
     add_rate,
     identity_of,
+    mask_of,
     tell_notes,
 )
 
@@ -27,7 +29,8 @@ each frame, units in the names of the columns), and with --masks a black and whi
 examples:
   rsflow segment street.mp4 -o out --camera-motion static     a camera on a pole: sharper outlines
   rsflow segment drone.mp4 -o out                             a camera that moves
-  rsflow segment clip.mp4 -o out --stop 100 --masks"""
+  rsflow segment clip.mp4 -o out --stop 100 --masks
+  rsflow segment clip.mp4 -o out --mask scene.png             black in scene.png: a clock over the picture, say"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_preset(parser, default="fast")
     add_max_displacement(parser)
     parser.add_argument("--min-area", type=int, metavar="PX", help="leave out things of fewer pixels (1/10000)")
+    add_mask(parser)
     parser.add_argument("--masks", action="store_true", help="also write masks/000001.png and so on")
     add_range(parser)
     add_rate(parser)
@@ -53,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
 
     from rsflow._drawing import save_picture
     from rsflow._inputs import Inputs
+    from rsflow._masks import expect_size, share
     from rsflow._results import ResultFolder
     from rsflow.camera._empty import expect_range, too_few
     from rsflow.camera.capture import frames
@@ -61,11 +66,13 @@ def run(args: argparse.Namespace) -> int:
     from rsflow.video import VideoWriter
 
     out = Path(args.output)
+    mask = mask_of(args.mask)
     segmenter = MotionSegmenter(
         camera_motion=args.camera_motion,
         preset=args.preset,
         max_displacement=args.max_displacement,
         min_area=args.min_area,
+        mask=mask,
     )
     count, seen = 0, set()
     with contextlib.ExitStack() as stack:
@@ -84,9 +91,11 @@ def run(args: argparse.Namespace) -> int:
         names = ("moving.mp4", "static.mp4", "objects.csv", "masks/[0-9][0-9][0-9][0-9][0-9][0-9]*.png")
         files = [out / name for name in names[:3]]
         masks = [out / "masks" / "000000.png", *out.glob("masks/*.png")] if args.masks else []
-        Inputs(args.source).refuse([*files, *masks])
+        Inputs(args.source, files=(args.mask,)).refuse([*files, *masks])
         folder = stack.enter_context(
-            ResultFolder(out, "segment", names, identity_of(args.source, args), overwrite=args.overwrite)
+            ResultFolder(
+                out, "segment", names, identity_of(args.source, args, files=("mask",)), overwrite=args.overwrite
+            )
         )
         rate = (source.frame_rate or 25.0) / args.stride
         table = stack.enter_context(ObjectTable(out / "objects.csv"))
@@ -95,6 +104,8 @@ def run(args: argparse.Namespace) -> int:
         ]
         try:
             for frame in source:
+                if mask is not None and count == 0:
+                    expect_size(f"--mask {args.mask}", mask, frame.image.shape[::-1])
                 result = segmenter.update(frame.image)
                 t_s = frame.t_s if math.isfinite(frame.t_s) else None
                 videos[0].write(result.moving_view(frame.color), t_s)
@@ -114,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
                                 "t_s": t_s,
                                 "status": result.status,
                                 "camera_model": result.camera_model,
-                                "moving_share": float(result.moving.mean()),
+                                "moving_share": share(result.moving, result.mask),
                                 "objects": [thing.id for thing in result.objects],
                             }
                         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rsflow.cli._options import add_illumination, add_max_displacement, add_roi
+from rsflow.cli._options import add_illumination, add_max_displacement, add_roi, mask_of
 
 if TYPE_CHECKING:
     from rsflow.shift import Shift
@@ -113,12 +113,14 @@ def run(args: argparse.Namespace) -> int:
     """Run the command: 0 if the displacement was measured, 1 if not."""
     from rsflow.shift import estimate_shift
 
+    before, after = _grey(args.prev), _grey(args.next)
+    size = (before.shape[1], before.shape[0])
     shift = estimate_shift(
-        _grey(args.prev),
-        _grey(args.next),
+        before,
+        after,
         roi=args.roi,
-        mask=None if args.mask is None else _grey(args.mask) > 0,
-        next_mask=None if args.next_mask is None else _grey(args.next_mask) > 0,
+        mask=mask_of(args.mask, size=size),
+        next_mask=mask_of(args.next_mask, option="--next-mask", size=size),
         illumination=args.illumination,
         deformation=args.deformation,
         max_displacement=args.max_displacement,

@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from rsflow.cli._options import (
     add_illumination,
+    add_mask,
     add_max_displacement,
     add_overwrite,
     add_range,
     add_rate,
     identity_of,
+    mask_of,
     source_of,
     tell_notes,
 )
@@ -43,6 +45,7 @@ examples:
   rsflow track clip.mp4 -o out
   rsflow track 'pictures/*.png' --rate 30 --points 1000 --window 15
   rsflow track 0 --stop 300 --no-video --parquet
+  rsflow track clip.mp4 --mask scene.png -o out      black in scene.png: letters over the picture, the own vehicle
 """
 
 
@@ -62,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="whether windows may turn, grow and shear: where points ask for it, nowhere, everywhere (default: auto)",
     )
+    add_mask(parser)
     parser.add_argument("--trail", type=int, default=30, metavar="N", help="frames that a trail lasts (default: 30)")
     add_rate(parser)
     add_range(parser)
@@ -75,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
     """Track, write the video and the table, print a summary."""
     import rsflow
     from rsflow._inputs import Inputs
+    from rsflow._masks import expect_size
     from rsflow._results import ResultFolder
     from rsflow.camera._empty import expect_range, too_few
     from rsflow.errors import OptionError
@@ -85,6 +90,7 @@ def run(args: argparse.Namespace) -> int:
     table = folder / ("tracks.parquet" if args.parquet else "tracks.csv")
     video = folder / "tracks.mp4"
     files = [table] if args.no_video else [video, table]
+    mask = mask_of(args.mask)
     tracker = rsflow.PointTracker(
         max_corners=args.points,
         quality=args.quality,
@@ -93,6 +99,7 @@ def run(args: argparse.Namespace) -> int:
         illumination=args.illumination,
         max_displacement=args.max_displacement,
         deformation=args.deformation,
+        mask=mask,
         record=True,
     )
     options = {"start": args.start, "stop": args.stop, "stride": args.stride, "frame_rate": args.rate}
@@ -102,15 +109,17 @@ def run(args: argparse.Namespace) -> int:
         source = stack.enter_context(rsflow.frames(given, **options))
         stack.callback(tell_notes, "track", source)
         expect_range(source)
-        Inputs(given).refuse(files)
+        Inputs(given, files=(args.mask,)).refuse(files)
         names = ("tracks.mp4", "tracks.csv", "tracks.parquet")
         # What is wrong with the folder is found out before the work, not after it.
         result = stack.enter_context(
-            ResultFolder(folder, "track", names, identity_of(given, args), overwrite=args.overwrite)
+            ResultFolder(folder, "track", names, identity_of(given, args, files=("mask",)), overwrite=args.overwrite)
         )
         writer = None
         try:
             for frame in source:
+                if mask is not None and count == 0:
+                    expect_size(f"--mask {args.mask}", mask, frame.image.shape[::-1])
                 tracks = tracker.update(frame.image, t_s=frame.t_s)
                 cuts += tracker.scene_cut
                 count += 1

@@ -10,7 +10,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rsflow.cli._options import add_overwrite, add_range, add_rate, identity_of, source_of
+from rsflow.cli._options import add_mask, add_overwrite, add_range, add_rate, identity_of, mask_of, source_of
 
 if TYPE_CHECKING:
     from rsflow._results import ResultFolder
@@ -33,6 +33,7 @@ examples:
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2
   rsflow velocity flight.mp4 --camera cam.yaml --height-csv heights.csv --height-std 0.002 -o out
   rsflow velocity 'pictures/*.png' --rate 30 --camera cam.yaml --height 0.2 --json
+  rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --mask ground.png     without what goes with the camera
 """
 
 
@@ -47,6 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--height-std", type=float, metavar="M", help="standard deviation of the height, 0 where it is exact"
     )
     parser.add_argument("-o", "--output", default=".", metavar="OUT", help="folder for the files (default: this one)")
+    add_mask(parser)
     add_rate(parser)
     add_range(parser)
     add_overwrite(parser)
@@ -56,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure, write the table and the plot, print a summary."""
     import rsflow
+    from rsflow._masks import expect_size
     from rsflow.camera._empty import too_few
     from rsflow.extraction.metric import fitting_camera
     from rsflow.extraction.summary import as_json
@@ -65,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
     camera = rsflow.Camera.load(args.camera)
     heights = None if args.height_csv is None else Heights.read(args.height_csv)
+    mask = mask_of(args.mask)
     folder = Path(args.output)
     table, picture = folder / "velocity.csv", folder / "velocity.png"
     rows: list[dict[str, Any]] = []
@@ -82,7 +86,11 @@ def run(args: argparse.Namespace) -> int:
             for frame in sequence:
                 if estimator is None:
                     fitted, scaled = fitting_camera(camera, sequence, None)
-                    estimator = rsflow.VelocityEstimator(fitted, height_m=args.height, height_std_m=args.height_std)
+                    if mask is not None:
+                        expect_size(f"--mask {args.mask}", mask, fitted.size)
+                    estimator = rsflow.VelocityEstimator(
+                        fitted, height_m=args.height, height_std_m=args.height_std, mask=mask
+                    )
                 own = None if heights is None else heights.at(frame=frame.index, t_s=frame.t_s)
                 v = estimator.update(frame.image, frame.t_s, height_m=own)
                 track.add(v, frame.index)
@@ -144,8 +152,8 @@ def _folder(args: argparse.Namespace, source: int | str, sequence: Frames, files
     from rsflow.camera._empty import expect_range
 
     expect_range(sequence)
-    Inputs(source, files=(args.camera, args.height_csv)).refuse(files)
-    identity = identity_of(source, args, files=("camera", "height_csv"))
+    Inputs(source, files=(args.camera, args.height_csv, args.mask)).refuse(files)
+    identity = identity_of(source, args, files=("camera", "height_csv", "mask"))
     return ResultFolder(files[0].parent, "velocity", [path.name for path in files], identity, overwrite=args.overwrite)
 
 

@@ -140,6 +140,11 @@ def _summary(
 def _notes(outputs: Outputs, pipeline: Pipeline) -> list[str]:
     """Say what a reader should know before trusting the figures."""
     motion, notes = outputs.series["motion"], []
+    if pipeline.mask is not None:
+        notes.append(
+            f"{100 * (1 - pipeline.mask.mean()):.1f} % of the pixels do not count, as the mask says: nothing is "
+            "measured, drawn as moving or listed there, and shares are of the others."
+        )
     length = np.hypot(motion["dx_px"], motion["dy_px"])
     if len(motion) == 1:
         notes.append("There is one frame: a motion needs two.")

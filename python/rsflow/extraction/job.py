@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import _checks
 from ..camera._empty import expect_range, too_few
@@ -24,6 +24,10 @@ from .resume import finished, saved_run
 from .settings import CameraMotion, ExtractSettings, Illumination, Preset
 from .stopping import StopRequest
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 __all__ = ["extract"]
 
 
@@ -38,6 +42,7 @@ def extract(
     stop: int | None = None,
     stride: int = 1,
     roi: tuple[int, int, int, int] | None = None,
+    mask: NDArray[np.bool_] | str | os.PathLike[str] | None = None,
     frame_rate: float | None = None,
     preset: Preset = "fast",
     illumination: Illumination = "gain_offset",
@@ -73,6 +78,10 @@ def extract(
         Frames to take, as ``range(start, stop, stride)``.
     roi : (x, y, width, height), optional
         Part of the picture to look at, in pixels.
+    mask : ndarray of bool, (height, width), or path, optional
+        True where a pixel counts, in every frame; of a picture file, what is not black. It is of the whole picture:
+        `roi` is allowed for. What is fixed to the sensor (letters over the picture, a part of the own vehicle) is left
+        out of every figure, arrow and thing that moves; the shares in the tables are of the pixels that count.
     frame_rate : float, optional
         Frames per second, for pictures, which have no times, and for slow-motion clips.
     preset : {"ultrafast", "fast", "balanced", "accurate"}
@@ -117,6 +126,8 @@ def extract(
         If an option is outside of what it allows, the camera file is not one, no frame has a height, a result would be
         written over a file that is read, `out` holds the result of another run, or there is something to resume that
         cannot be. Nothing is written then.
+    ShapeError
+        If the mask has not the size of the pictures.
     OSError
         If the folder cannot be written.
 
@@ -138,6 +149,7 @@ def extract(
         stop=stop,
         stride=stride,
         roi=roi,
+        mask=mask,
         frame_rate=frame_rate,
         preset=preset,
         illumination=illumination,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._masks import FixedMask, mask_of_frames
 from ..errors import OptionError
 from . import rows
 from .metric import HeightOf, fitting_camera
@@ -16,6 +17,9 @@ from .probe import CameraDecision, arrow_style, camera_motion
 from .settings import ExtractSettings
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ..segmentation import MotionSegmenter
     from .checkpoint import Saved
 
 __all__ = ["Measured", "Pipeline"]
@@ -65,10 +69,15 @@ class Pipeline:
         from .. import DenseFlow
 
         self.settings, self.stream = settings, stream
+        # Read before the first frame: a wrong file must fail before anything is written.
+        self.mask = mask_of_frames(settings.mask, stream, settings.roi)
+        self._fixed = None if self.mask is None else FixedMask(self.mask)
         self._dense = DenseFlow(
             preset=settings.preset,
             illumination=settings.illumination,
             max_displacement=settings.max_displacement,
+            mask=self.mask,
+            next_mask=self.mask,
         )
         self._prev: Any = None
         self._prev_t_s = math.nan
@@ -105,9 +114,18 @@ class Pipeline:
                 frame.image,
                 illumination=self.settings.illumination,
                 max_displacement=self.settings.max_displacement,
+                mask=self.mask,
+                next_mask=self.mask,
             )
         self._prev = frame.image
-        return shift, self._dense.update(frame.image)
+        return shift, self._dense.update(self._counted(frame.image))
+
+    def _counted(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Fill what does not count: coarse levels of the flow reach over it."""
+        if self._fixed is None:
+            return image
+        self._fixed.expect_shape(image.shape)
+        return self._fixed.filled(image)
 
     def _open_velocity(self) -> None:
         from ..velocity import VelocityEstimator
@@ -115,17 +133,20 @@ class Pipeline:
         camera, note = fitting_camera(self.settings.camera, self.stream, self.settings.roi)
         if note:
             self.notes.append(note)
-        self._velocity = VelocityEstimator(camera, height_std_m=self.settings.height_std_m)
+        self._velocity = VelocityEstimator(camera, height_std_m=self.settings.height_std_m, mask=self.mask)
 
     def settle(self, pairs: Sequence[tuple[Any, Any]], width: int) -> Any:
         """Decide from the first pairs; give the style of the arrows."""
-        from .. import MotionSegmenter
-
         told = [pair for pair in pairs if pair[1] is not None]
         if self.settings.camera_motion == "auto":
             self.decision = camera_motion(told)
-        self._segmenter = MotionSegmenter(camera_motion=self.decision.motion)
+        self._segmenter = self._new_segmenter()
         return arrow_style([flow for _, flow in told], width)
+
+    def _new_segmenter(self) -> MotionSegmenter:
+        from .. import MotionSegmenter
+
+        return MotionSegmenter(camera_motion=self.decision.motion, mask=self.mask)
 
     def state(self) -> dict[str, Any]:
         """Give what the second step knows beside the last frame, for `go_on`."""
@@ -138,9 +159,7 @@ class Pipeline:
 
     def go_on(self, saved: Saved, frame: Any) -> None:
         """Be as after `frame`, which is measured already, from what was saved then."""
-        from .. import MotionSegmenter
-
-        state = saved.value("pipeline", make={"MotionSegmenter": MotionSegmenter})
+        state = saved.value("pipeline", make={"MotionSegmenter": self._new_segmenter})
         self.decision = CameraDecision(*state["decision"])
         self._segmenter = segmenter = state["segmenter"]
         self.unstated = state["unstated"]
@@ -150,7 +169,7 @@ class Pipeline:
         )
         # The others know the frame before and no more.
         self._prev, self._prev_t_s = frame.image, frame.t_s
-        self._dense.update(frame.image)
+        self._dense.update(self._counted(frame.image))
         if self._height is not None:
             self._height.go_on(state["heights"])
             self._open_velocity()

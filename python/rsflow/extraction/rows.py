@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._masks import share
+
 __all__ = ["motion_row", "object_rows", "status_word"]
 
 # The statistics of the flow are over about so many pixels, on a grid.
@@ -41,7 +43,7 @@ def motion_row(frame: Any, dt_s: float, shift: Any, flow: Any, segmentation: Any
             "offset": float(shift.offset),
             "status": status_word(shift.status),
         }
-    return row | _flow_columns(flow) | _segmentation_columns(segmentation, frame.image.shape)
+    return row | _flow_columns(flow, segmentation.mask) | _segmentation_columns(segmentation, frame.image.shape)
 
 
 def _no_shift() -> dict[str, float]:
@@ -49,7 +51,7 @@ def _no_shift() -> dict[str, float]:
     return unknown | dict.fromkeys(("dx_std_px", "dy_std_px", "dxdy_cov_px2"), math.inf)
 
 
-def _flow_columns(flow: Any) -> dict[str, float]:
+def _flow_columns(flow: Any, mask: NDArray[np.bool_] | None) -> dict[str, float]:
     names = (
         "flow_mean_x_px",
         "flow_mean_y_px",
@@ -60,16 +62,16 @@ def _flow_columns(flow: Any) -> dict[str, float]:
     )
     if flow is None:
         return dict.fromkeys((*names, "flow_valid_share"), math.nan)
-    share = float(np.count_nonzero(flow.valid)) / max(flow.valid.size, 1)
+    valid_share = share(flow.valid, mask)
     # Neighbours tell the same: statistics over a grid cost a fraction and differ by less than the flow's own error.
     step = max(1, math.isqrt(flow.valid.size // _SAMPLES))
     uv = flow.uv[::step, ::step][flow.valid[::step, ::step]]
     if len(uv) == 0:
-        return dict.fromkeys(names, math.nan) | {"flow_valid_share": share}
+        return dict.fromkeys(names, math.nan) | {"flow_valid_share": valid_share}
     u, v = np.ascontiguousarray(uv[:, 0]), np.ascontiguousarray(uv[:, 1])
     median, high = _quantiles(np.hypot(u, v), (0.5, 0.95))
     values = (u.mean(dtype=np.float64), v.mean(dtype=np.float64), *_quantiles(u, (0.5,)), *_quantiles(v, (0.5,)))
-    return dict(zip(names, map(float, (*values, median, high)), strict=True)) | {"flow_valid_share": share}
+    return dict(zip(names, map(float, (*values, median, high)), strict=True)) | {"flow_valid_share": valid_share}
 
 
 def _quantiles(values: NDArray[np.float32], shares: tuple[float, ...]) -> list[float]:
@@ -86,7 +88,7 @@ def _segmentation_columns(segmentation: Any, shape: tuple[int, ...]) -> dict[str
     }
     if not segmentation.valid:
         return row | dict.fromkeys(("moving_share", *names), math.nan)
-    row |= {"moving_share": float(segmentation.moving.mean()), "objects": len(segmentation.objects)}
+    row |= {"moving_share": share(segmentation.moving, segmentation.mask), "objects": len(segmentation.objects)}
     return row | dict(zip(names, camera_columns(segmentation.camera_motion, shape), strict=True))
 
 

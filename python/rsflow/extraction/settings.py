@@ -7,12 +7,16 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
+import numpy as np
+
 from .. import _checks
 from .._checks import knobs
 from .._checks.knobs import Illumination, Preset
 from ..errors import OptionError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ..camera.model import Camera
 
 __all__ = ["CameraMotion", "ExtractSettings", "Illumination", "Preset"]
@@ -20,7 +24,7 @@ __all__ = ["CameraMotion", "ExtractSettings", "Illumination", "Preset"]
 CameraMotion = Literal["auto", "moving", "static"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ExtractSettings:
     """The options of `rsflow.extract`; see there for each.
 
@@ -39,6 +43,7 @@ class ExtractSettings:
     stop: int | None = None
     stride: int = 1
     roi: tuple[int, int, int, int] | None = None
+    mask: NDArray[np.bool_] | str | os.PathLike[str] | None = None
     frame_rate: float | None = None
     preset: Preset = "fast"
     illumination: Illumination = "gain_offset"
@@ -60,6 +65,10 @@ class ExtractSettings:
                 _checks.integer(name, getattr(self, name), least=least)
         if self.roi is not None:
             _checks.region("roi", self.roi)
+        if isinstance(self.mask, (str, os.PathLike)):
+            _checks.path("mask", self.mask, "a bool array or a path")
+        else:
+            _checks.mask_or_none("mask", self.mask)
         _checks.number_or_none("frame_rate", self.frame_rate, above=0, of="frames per second")
         if self.camera is not None and not isinstance(self.camera, Camera):
             _checks.path("camera", self.camera, "an rsflow.Camera or a path")
@@ -91,4 +100,6 @@ def _text(value: Any) -> str:
         return str(value)
     if isinstance(value, Path):
         return str(value)
+    if isinstance(value, np.ndarray):
+        return f"{value.shape[1]} x {value.shape[0]} pixels, {np.count_nonzero(value)} of which count"
     return repr(value)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 __all__ = ["decode", "encode"]
 
 # What of an object is not part of its state: it is made anew.
-_MADE_ANEW = frozenset({"_flow", "_shared_lock"})
+_MADE_ANEW = frozenset({"_flow", "_fixed", "_shared_lock"})
 
 
 def _classes() -> dict[str, type]:

@@ -56,6 +56,9 @@ class VelocityEstimator(Shared):
         Rotation from the camera's axes to the body's.
     lever_arm_m : (3,) array_like
         Position of the camera in the body frame; only `Velocity.origin_velocity_m_s` depends on it.
+    mask : (height, width) ndarray of bool, optional
+        True where a pixel counts, in every frame: False where the picture shows what goes with the camera, such as a
+        part of the vehicle or letters over the picture.
 
     Raises
     ------
@@ -79,6 +82,7 @@ class VelocityEstimator(Shared):
         **dict.fromkeys(("height_m", "height_std_m", "rate_std_rad_s"), (numbers.Real, type(None))),
         "R_body_from_camera": (np.ndarray,),
         "lever_arm_m": (np.ndarray,),
+        "mask": (np.ndarray, type(None)),
         "_prev": (np.ndarray, type(None)),
         "_prev_t_s": (numbers.Real,),
     }
@@ -92,6 +96,7 @@ class VelocityEstimator(Shared):
         rate_std_rad_s: float | None = None,
         R_body_from_camera: ArrayLike | None = None,
         lever_arm_m: ArrayLike = (0.0, 0.0, 0.0),
+        mask: NDArray[np.bool_] | None = None,
     ) -> None:
         self.camera = _checks.instance("camera", camera, Camera, "an rsflow.Camera")
         self.height_m = _checks.number_or_none("height_m", height_m, least=1 / _MOST, most=_MOST, of="metres")
@@ -107,6 +112,8 @@ class VelocityEstimator(Shared):
                 raise OptionError(f"R_body_from_camera: got {turn.tolist()}, expected {rotation}")
         self.R_body_from_camera = turn
         self.lever_arm_m = _vector("lever_arm_m", lever_arm_m)
+        given_mask = _checks.mask_or_none("mask", mask, self.camera.size[::-1], "the camera's pictures")
+        self.mask = None if given_mask is None else given_mask.copy()
         self._prev: NDArray[Any] | None = None
         self._prev_t_s = np.nan
 
@@ -226,7 +233,7 @@ class VelocityEstimator(Shared):
             by = rotation_matrix(-interval.turn)
             return np.asarray(self.camera.distort_points(plane.turned(rays, by), normalized=True), dtype=np.float64)
 
-        flow = follow(prev, image, turned if interval.turn.any() else None)
+        flow = follow(prev, image, turned if interval.turn.any() else None, self.mask)
         if flow.offered < _LEAST_POINTS:
             status = VelocityStatus.NO_TEXTURE if flow.related else VelocityStatus.SCENE_CUT
             return unmeasured(status, t_s, interval.dt_s)
@@ -249,7 +256,7 @@ class VelocityEstimator(Shared):
         if fit is not None and (len(fit.terms) > 2 or interval.turn.any()):
             # Where windows grow or turn and were followed as if they did not, their displacement is that of a place off
             # their middle.
-            places = flow.moved(centers(prev, flow.before, flow.window))
+            places = flow.moved(centers(prev, flow.before, flow.window, self.mask))
             known = np.asarray(np.isfinite(self._rays(places)).all(axis=(0, 2)))
             apart = known & ~flow.deformed
             flow = flow.moved(np.where(apart[:, None], places.before, flow.before))

@@ -21,6 +21,8 @@ _SEED_WIDTH = 320
 # Deviation in pixels that a point's covariance is raised by: sampling, quantisation and the shape of the pixel leave
 # errors of this size that the residual of a window does not show.
 _FLOOR_PX = 0.004
+# A pixel made of several counts where all of them do, up to rounding.
+_WHOLE = 0.999
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,9 @@ def window_for(shape: tuple[int, ...]) -> int:
     return int(np.clip((min(shape) // 5) | 1, 9, 21))
 
 
-def follow(prev: NDArray[Any], after: NDArray[Any], turned: Turned | None) -> GroundFlow:
+def follow(
+    prev: NDArray[Any], after: NDArray[Any], turned: Turned | None, mask: NDArray[np.bool_] | None = None
+) -> GroundFlow:
     """Find points in `prev` and follow them into `after`.
 
     Parameters
@@ -69,20 +73,30 @@ def follow(prev: NDArray[Any], after: NDArray[Any], turned: Turned | None) -> Gr
         Frames of one size.
     turned : callable or None
         Takes pixels (N, 2) of `prev` and gives where the known rotation alone puts them; None without a rotation.
+    mask : (height, width) bool, optional
+        Pixels that count, of either frame.
     """
     window = window_for(prev.shape)
-    corners = detect_corners(prev, max_corners=400, quality=0.002, min_distance=max(6, window // 2))
+    corners = detect_corners(prev, max_corners=400, quality=0.002, min_distance=max(6, window // 2), mask=mask)
     points = np.asarray(corners, dtype=np.float64)
     if len(points) == 0:
         return GroundFlow(points, points, np.zeros((0, 2, 2)), np.zeros(0, np.bool_), window, 0, True)
-    seed, related = _seed(prev, after, turned)
+    seed, related = _seed(prev, after, turned, mask)
     start = points + seed if turned is None else _or_given(turned(points + seed), points)
     height, width = prev.shape
     expected = ((start >= 0) & (start <= (width - 1, height - 1))).all(axis=1)
     points, start = points[expected], start[expected]
     if len(points) == 0:
         return GroundFlow(points, points, np.zeros((0, 2, 2)), np.zeros(0, np.bool_), window, 0, related)
-    tracks = track_points(prev, after, points.astype(np.float32), window_size=window, initial=start.astype(np.float32))
+    tracks = track_points(
+        prev,
+        after,
+        points.astype(np.float32),
+        window_size=window,
+        initial=start.astype(np.float32),
+        mask=mask,
+        next_mask=mask,
+    )
     good = np.asarray(tracks.valid)
     covariance = np.asarray(tracks.covariance, dtype=np.float64)[good] + _FLOOR_PX**2 * np.eye(2)
     before = points[good].astype(np.float32).astype(np.float64)
@@ -102,23 +116,32 @@ def _or_given(pixels: F64, given: F64) -> F64:
     return np.where(np.isfinite(pixels), pixels, given)
 
 
-def _seed(prev: NDArray[Any], after: NDArray[Any], turned: Turned | None) -> tuple[F64, bool]:
+def _seed(
+    prev: NDArray[Any], after: NDArray[Any], turned: Turned | None, mask: NDArray[np.bool_] | None
+) -> tuple[F64, bool]:
     """Find where the picture went as a whole before it turned, in pixels, and whether there is such a thing."""
     height, width = prev.shape
     factor = max(1.0, width / _SEED_WIDTH)
     size = (round(width / factor), max(1, round(height / factor)))
     scale = np.array([width / size[0], height / size[1]])
+    if mask is not None:
+        # Rounded weights, and what is no number, reach over pixels that count.
+        prev, after = (np.where(mask, frame, frame.dtype.type(0)) for frame in (prev, after))
     if factor > 1.0:
         import cv2
 
         prev, after = (cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in (prev, after))
-    roi = None
+        if mask is not None:
+            mask = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > _WHOLE
+    roi, mask_after = None, mask
     if turned is not None:
         after = _turned_back(after, scale, turned)
+        if mask is not None:
+            mask_after = _turned_back(mask.astype(np.float32), scale, turned) > _WHOLE
         # What the turn brought in at the border was never seen.
         x, y = size[0] // 8, size[1] // 8
         roi = (x, y, size[0] - 2 * x, size[1] - 2 * y)
-    shift = estimate_shift(prev, after, roi=roi)
+    shift = estimate_shift(prev, after, roi=roi, mask=mask, next_mask=mask_after)
     if not shift.valid:
         return np.zeros(2), False
     return np.array([shift.dx, shift.dy]) * scale, True
@@ -144,12 +167,13 @@ def overlap(points: F64, window: int) -> F64:
     return np.asarray(np.prod(np.clip(1.0 - apart, 0.0, None), axis=2), dtype=np.float64)
 
 
-def centers(frame: NDArray[Any], points: F64, window: int) -> F64:
+def centers(frame: NDArray[Any], points: F64, window: int, mask: NDArray[np.bool_] | None = None) -> F64:
     """Where in its window each point's displacement was really measured, (N, 2), in pixels of the frame.
 
     A window that grows or turns between the frames does not have one displacement. The least squares of Lucas and
     Kanade then give the one at a mean of its pixels, weighted by the gradients after gain and offset were taken out of
     them: with g these gradients, (sum g g')^-1 sum g g' x for a growth. It can lie several pixels off the middle.
+    Pixels that `mask` leaves out, and gradients made of them, count for nothing.
     """
     height, width = frame.shape
     half = window // 2
@@ -162,8 +186,17 @@ def centers(frame: NDArray[Any], points: F64, window: int) -> F64:
     count = window * window
     g = gradients[:, *at].reshape(2, len(points), count)
     level = image[1:-1, 1:-1][at].reshape(len(points), count)
-    free = g - g.mean(axis=2, keepdims=True)
-    level = level - level.mean(axis=1, keepdims=True)
+    if mask is None:
+        free = g - g.mean(axis=2, keepdims=True)
+        level = level - level.mean(axis=1, keepdims=True)
+    else:
+        # A gradient is of five pixels.
+        whole = mask[1:-1, 1:-1] & mask[1:-1, 2:] & mask[1:-1, :-2] & mask[2:, 1:-1] & mask[:-2, 1:-1]
+        counts = whole[at].reshape(len(points), count)
+        share = 1.0 / np.maximum(counts.sum(axis=1), 1)
+        g, level = np.where(counts, g, 0), np.where(counts, level, 0)
+        free = np.where(counts, g - (g.sum(axis=2) * share)[..., None], 0)
+        level = np.where(counts, level - (level.sum(axis=1) * share)[:, None], 0)
     share = np.einsum("knp,np->kn", free, level) / np.maximum(np.einsum("np,np->n", level, level), 1e-6)
     free = free - share[:, :, None] * level
     x = np.stack(
