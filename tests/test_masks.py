@@ -134,6 +134,8 @@ def test_a_mask_that_does_not_fit_is_told() -> None:
                      rsflow.PointTracker):  # fmt: skip
             with pytest.raises(DTypeError, match=r"mask: got .*, expected a bool array"):
                 make(mask=wrong)
+    with pytest.raises(DTypeError, match=r"True where to measure; of a picture of numbers mask != 0$"):
+        rsflow.PointTracker(mask=np.full(SHAPE, 255, np.uint8))
     for stream in (rsflow.MotionSegmenter(mask=np.ones((9, 9), bool)), rsflow.PointTracker(mask=np.ones((9, 9), bool))):
         with pytest.raises(ShapeError, match=r"mask: got shape \(9, 9\), expected that of the frames, \(144, 176\)"):
             stream.update(np.zeros(SHAPE, np.uint8))

@@ -205,7 +205,8 @@ pub(crate) fn mask<'py>(
             raise(
                 "DTypeError",
                 format!(
-                    "{name}: got {got}, expected a bool array (height, width), True where to measure"
+                    "{name}: got {got}, expected a bool array (height, width), True where to measure; of a picture \
+                     of numbers {name} != 0"
                 ),
             )
         })?;

@@ -136,7 +136,8 @@ def mask(name: str, value: object, shape: tuple[int, ...] | None = None, of: str
     """Take a bool array (height, width), of `shape` where that is known; lk-core's binding says the same."""
     if not isinstance(value, np.ndarray) or value.dtype != np.bool_ or value.ndim != 2:
         raise DTypeError(
-            f"{name}: got {described(value)}, expected a bool array (height, width), True where to measure"
+            f"{name}: got {described(value)}, expected a bool array (height, width), True where to measure; of a "
+            f"picture of numbers {name} != 0"
         )
     unmasked(name, value)
     if shape is not None and value.shape != shape:
