@@ -87,9 +87,24 @@ fn check_as<T: Grey>(case: &Case) {
     // Beyond this the squares of squares leave `f32`; what is not finite has no response.
     if case.harris.is_none() && greys.iter().all(|grey| grey.abs() < 1e6) {
         for corner in &corners {
-            as_defined(&greys, block, corner);
+            // Beside masked pixels a response is made of fewer gradients.
+            if mask
+                .as_ref()
+                .is_none_or(|mask| is_whole(mask, block, corner))
+            {
+                as_defined(&greys, block, corner);
+            }
         }
     }
+}
+
+/// Whether all pixels count that the response of a corner is made of.
+fn is_whole(mask: &Array2<bool>, block: usize, corner: &Corner) -> bool {
+    let (height, width) = mask.dim();
+    let (x, y) = (corner.position[0] as isize, corner.position[1] as isize);
+    let reach = block as isize / 2 + 1;
+    (-reach..=reach)
+        .all(|j| (-reach..=reach).all(|i| mask[(mirror(y + j, height), mirror(x + i, width))]))
 }
 
 /// The smaller eigenvalue of the mean structure tensor of Sobel's gradients, in f64.

@@ -101,12 +101,12 @@ impl Frames {
         ) && self.odd.is_empty()
     }
 
-    /// Whether no grey level is at an end of what its type holds.
+    /// Whether no grey level is at an end of what its type holds: a stream reads a frame at the scale of the one before.
     pub fn in_range(&self) -> bool {
         !self
             .odd
             .iter()
-            .any(|(.., odd)| matches!(odd, Odd::Lowest | Odd::Largest))
+            .any(|(.., odd)| matches!(odd, Odd::Lowest | Odd::Largest | Odd::Tiny))
     }
 
     /// The motion, where the frames are a scene whose grey levels this pixel type holds.

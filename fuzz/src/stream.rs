@@ -36,7 +36,7 @@ fn check_as<T: Grey>(case: &Case) {
     let masks = case.masks.map(|seed| mask(case.frames.size(), seed));
     let frames: Vec<&Array2<T>> = (0..SHOWN).map(|number| &pair[number % 2]).collect();
     points(case, &frames, &masks);
-    // A frame is read at the scale of the one before, which need not hold the largest numbers there are.
+    // A frame is read at the scale of the one before, which need not hold the largest and smallest numbers there are.
     if case.frames.in_range() {
         dense(&frames, &masks);
     }
