@@ -84,7 +84,14 @@ impl Level {
         }
     }
 
+    /// Asked by every dispatch: found once.
+    #[inline]
     fn of_this_cpu() -> Self {
+        static FOUND: OnceLock<Level> = OnceLock::new();
+        *FOUND.get_or_init(Self::look)
+    }
+
+    fn look() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
             let avx2 = is_x86_feature_detected!("avx2");

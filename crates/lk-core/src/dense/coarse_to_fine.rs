@@ -9,18 +9,23 @@ use crate::pyramid::Pyramid;
 
 use super::chance::Count;
 use super::confidence::Judged;
+use super::fill::Fill;
 use super::light::Light;
 use super::looks::Looks;
 use super::options::{DenseHints, DenseOptions, LevelRecipe, RefineRecipe};
 use super::padded_plane::{self, PaddedPlane};
 use super::refine::RoundOptions;
 use super::step::StepOptions;
+use super::sureness::Sureness;
 use super::trend::{Samples, Trend};
 use super::windows::Views;
 use super::{half_round, median, propagate, refine, step, upsample};
 
 /// Light is estimated on levels of at most this many pixels along the longer side, and carried over to finer ones.
 const LIGHT_SIZE: usize = 100;
+
+/// The finest level whose flow is filled in where windows say little: on finer ones that costs more than it gains.
+const FILLED: usize = 2;
 
 /// From this share of the flow that follows its trend on, and up to the other, smoothness gains weight.
 const AFFINE: [f32; 2] = [0.85, 0.95];
@@ -43,8 +48,13 @@ pub(super) struct Memory {
     pub(super) support: Judged,
     /// What most of the flow does.
     pub(super) trend: Trend,
-    samples: Samples,
+    pub(super) samples: Samples,
     pub(super) counts: Vec<Count>,
+    /// What the windows of the level that was filled in last say.
+    pub(super) sureness: Sureness,
+    pub(super) fill: Fill,
+    /// What is filled in of a flow of all pixels.
+    pub(super) gains: [PaddedPlane; 2],
     /// The flow of the displacements that fit best, and how well they do.
     pub(super) found: [PaddedPlane; 2],
     pub(super) found_energy: PaddedPlane,
@@ -96,6 +106,7 @@ impl Memory {
     fn start(&mut self, pyramid: &Pyramid, level: usize, hints: DenseHints<'_>) -> Result<()> {
         self.halved = None;
         self.trend = Trend::default();
+        self.sureness.forget();
         let plane = &pyramid.levels()[level];
         // What went further than the frame reaches is not in it; NaN is not within either.
         let reach = pyramid.levels()[0]
@@ -228,6 +239,9 @@ impl CoarseToFine<'_> {
         for level in (finest..first).rev() {
             self.memory.halved = Some(2.0);
             self.level(level, true)?;
+            if level >= FILLED {
+                self.fill(level, 2)?;
+            }
             if level > 0 {
                 self.whole(level)?;
             }
@@ -304,9 +318,10 @@ impl CoarseToFine<'_> {
             halved,
             trend,
             samples,
+            sureness,
             ..
         } = &mut *self.memory;
-        *trend = Trend::of(flow.each_ref(), *halved, trend.slopes, samples)?;
+        *trend = Trend::of(flow.each_ref(), *halved, trend.slopes, sureness, samples)?;
         let trend = *trend;
         let [low, high] = AFFINE;
         let affine = if level < self.first.min(2) {
@@ -367,6 +382,7 @@ impl CoarseToFine<'_> {
             }
             self.level(level, false)?;
             self.whole(level)?;
+            self.fill(level, 1)?;
         }
         self.guessing = false;
         Ok(())

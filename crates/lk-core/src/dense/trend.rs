@@ -7,12 +7,13 @@ use crate::error::Result;
 use crate::memory::reserve;
 
 use super::padded_plane::PaddedPlane;
+use super::sureness::Sureness;
 
 /// What u and what v change by along x and along y, from an element to the next.
 pub(super) type Slopes = [[f32; 2]; 2];
 
 /// Samples along the longer side; each is the mean of nine places, so that noise does not hide what is common.
-const SAMPLES: usize = 30;
+const SAMPLES: usize = 24;
 /// Samples this near the planes follow them, in pixels of the level: on coarse levels, and before it is smoothed, the flow of
 /// an affine motion is no better.
 const NEAR: f64 = 0.5;
@@ -24,6 +25,8 @@ const SOFT: f64 = 0.01;
 const TILES: usize = 3;
 /// Times that samples are weighed anew by their distances.
 const PASSES: usize = 3;
+/// Planes that move by less than this many pixels anywhere are found.
+const STILL: f64 = 0.002;
 /// Where more samples follow the planes through all of them no others are tried.
 const PLENTY: f32 = 0.9;
 /// Where fewer do there is no motion that most of the flow follows.
@@ -48,16 +51,24 @@ type Planes = [[f64; 3]; 2];
 
 impl Trend {
     /// The trend of u and v; `halved` is what their values are multiplied by if they are of half the size of the level.
-    /// `before` are slopes that were found earlier, on a coarser level say; `memory` is kept from call to call.
+    /// `before` are slopes that were found earlier, on a coarser level say; samples that
+    /// `sureness` lets not speak are left out; `memory` is kept from call to call.
     pub(super) fn of(
         flow: [&PaddedPlane; 2],
         halved: Option<f32>,
         before: Slopes,
+        sureness: &Sureness,
         memory: &mut Samples,
     ) -> Result<Self> {
         let Samples { places, heights } = memory;
         let centre = [flow[0].width(), flow[0].height()].map(|size| 0.5 * size as f64);
-        take(flow, f64::from(halved.unwrap_or(1.0)), centre, places)?;
+        take(
+            flow,
+            f64::from(halved.unwrap_or(1.0)),
+            centre,
+            sureness,
+            places,
+        )?;
         let samples = &*places;
         heights.clear();
         reserve("heights of a flow", heights, samples.len())?;
@@ -101,6 +112,7 @@ fn take(
     [u, v]: [&PaddedPlane; 2],
     scale: f64,
     [x0, y0]: [f64; 2],
+    sureness: &Sureness,
     samples: &mut Vec<Sample>,
 ) -> Result<()> {
     samples.clear();
@@ -128,7 +140,9 @@ fn take(
                 f64::from(sum) * scale
             };
             let place = [(x as f64 - x0) / x0, (y as f64 - y0) / y0];
-            samples.push([place[0], place[1], mean(u), mean(v)]);
+            if sureness.speaks(place) {
+                samples.push([place[0], place[1], mean(u), mean(v)]);
+            }
         }
     }
     Ok(())
@@ -138,22 +152,24 @@ fn take(
 /// through a ninth of the picture are of one of them somewhere.
 fn fit(samples: &[Sample], before: [[f64; 2]; 2], heights: &mut Vec<f64>) -> (Planes, f32) {
     let rated = |planes: Planes| (planes, within(samples, &planes, NEAR));
-    let whole = least_squares(samples, |_| 1.0);
-    let mut best = whole.map_or((Planes::default(), 0.0), rated);
-    let earlier = rated(along(samples, before, heights));
-    if earlier.1 > best.1 {
-        best = earlier;
+    let mut best = rated(along(samples, before, heights));
+    if best.1 < PLENTY
+        && let Some(whole) = least_squares(samples, |_| 1.0).map(rated)
+        && whole.1 >= best.1
+    {
+        best = whole;
     }
     if best.1 < PLENTY {
-        for tile in 0..TILES * TILES {
-            let centre = [tile % TILES, tile / TILES]
-                .map(|place| (2 * place + 1) as f64 / TILES as f64 - 1.0);
-            let inside = |[x, y, ..]: &Sample| {
-                let reach = 1.0 / TILES as f64;
-                (x - centre[0]).abs() <= reach && (y - centre[1]).abs() <= reach
-            };
-            let found = least_squares(samples, |sample| if inside(sample) { 1.0 } else { 0.0 });
-            if let Some(found) = found.map(rated)
+        let mut tiles = [Sums::default(); TILES * TILES];
+        for sample in samples {
+            let [column, row] = [sample[0], sample[1]].map(|place| {
+                let tile = (0.5 * (place + 1.0) * TILES as f64) as usize;
+                tile.min(TILES - 1)
+            });
+            tiles[TILES * row + column].add(sample, 1.0);
+        }
+        for tile in tiles {
+            if let Some(found) = tile.planes().map(rated)
                 && found.1 > best.1
             {
                 best = found;
@@ -167,6 +183,10 @@ fn fit(samples: &[Sample], before: [[f64; 2]; 2], heights: &mut Vec<f64>) -> (Pl
         });
         let Some(found) = found else { break };
         best = rated(found);
+        let moved = (before.as_flattened().iter()).zip(best.0.as_flattened());
+        if moved.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) < STILL {
+            break;
+        }
     }
     best
 }
@@ -198,45 +218,58 @@ fn within(samples: &[Sample], planes: &Planes, distance: f64) -> f32 {
 }
 
 fn least_squares(samples: &[Sample], weight: impl Fn(&Sample) -> f64) -> Option<Planes> {
-    let mut sums = [0.0; 12];
+    let mut sums = Sums::default();
     for sample in samples {
-        let [x, y, u, v] = *sample;
-        let w = weight(sample);
-        let (wx, wy) = (w * x, w * y);
+        sums.add(sample, weight(sample));
+    }
+    sums.planes()
+}
+
+/// Weighted sums of samples: of 1, x, y, xx, xy, yy, then of u and of v times 1, x and y.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums([f64; 12]);
+
+impl Sums {
+    fn add(&mut self, [x, y, u, v]: &Sample, weight: f64) {
+        let (wx, wy) = (weight * x, weight * y);
         let terms = [
-            w,
+            weight,
             wx,
             wy,
             wx * x,
             wx * y,
             wy * y,
-            w * u,
+            weight * u,
             wx * u,
             wy * u,
-            w * v,
+            weight * v,
             wx * v,
             wy * v,
         ];
-        for (sum, term) in sums.iter_mut().zip(terms) {
+        for (sum, term) in self.0.iter_mut().zip(terms) {
             *sum += term;
         }
     }
-    let [n, x, y, xx, xy, yy, u, ux, uy, v, vx, vy] = sums;
-    let (mx, my) = (x / n, y / n);
-    let (cxx, cxy, cyy) = (xx / n - mx * mx, xy / n - mx * my, yy / n - my * my);
-    let determinant = cxx * cyy - cxy * cxy;
-    // A flow that is not a number, or too few samples: not above either.
-    let solvable = n > 0.0 && determinant > 1e-9;
-    let plane = |value: f64, along_x: f64, along_y: f64| {
-        let mean = value / n;
-        let (cx, cy) = (along_x / n - mx * mean, along_y / n - my * mean);
-        let sx = (cyy * cx - cxy * cy) / determinant;
-        let sy = (cxx * cy - cxy * cx) / determinant;
-        [mean - sx * mx - sy * my, sx, sy]
-    };
-    let planes = [plane(u, ux, uy), plane(v, vx, vy)];
-    let finite = planes.as_flattened().iter().all(|value| value.is_finite());
-    (solvable && finite).then_some(planes)
+
+    /// The planes of least squares, if the samples tell them.
+    fn planes(&self) -> Option<Planes> {
+        let [n, x, y, xx, xy, yy, u, ux, uy, v, vx, vy] = self.0;
+        let (mx, my) = (x / n, y / n);
+        let (cxx, cxy, cyy) = (xx / n - mx * mx, xy / n - mx * my, yy / n - my * my);
+        let determinant = cxx * cyy - cxy * cxy;
+        // A flow that is not a number, or too few samples: not above either.
+        let solvable = n > 0.0 && determinant > 1e-9;
+        let plane = |value: f64, along_x: f64, along_y: f64| {
+            let mean = value / n;
+            let (cx, cy) = (along_x / n - mx * mean, along_y / n - my * mean);
+            let sx = (cyy * cx - cxy * cy) / determinant;
+            let sy = (cxx * cy - cxy * cx) / determinant;
+            [mean - sx * mx - sy * my, sx, sy]
+        };
+        let planes = [plane(u, ux, uy), plane(v, vx, vy)];
+        let finite = planes.as_flattened().iter().all(|value| value.is_finite());
+        (solvable && finite).then_some(planes)
+    }
 }
 
 fn squared_distance(planes: &Planes, [x, y, u, v]: &Sample) -> f64 {
@@ -265,7 +298,14 @@ mod tests {
     }
 
     fn trend(flow: [&PaddedPlane; 2], halved: Option<f32>) -> Trend {
-        Trend::of(flow, halved, Slopes::default(), &mut Samples::default()).unwrap()
+        Trend::of(
+            flow,
+            halved,
+            Slopes::default(),
+            &Sureness::default(),
+            &mut Samples::default(),
+        )
+        .unwrap()
     }
 
     fn close(found: Slopes, want: Slopes) -> bool {
