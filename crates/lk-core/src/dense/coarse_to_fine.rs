@@ -40,6 +40,11 @@ pub(super) struct Memory {
     pub(super) best: [PaddedPlane; 2],
     pub(super) best_light: Light,
     best_trend: Trend,
+    /// The flow of the coarse levels in steady light.
+    steady: [PaddedPlane; 2],
+    steady_trend: Trend,
+    /// A level of `prev` as it came.
+    pub(super) finer: Plane,
     /// The coarse levels of `prev` as they came.
     pub(super) coarse: Vec<Plane>,
     pub(super) energy: PaddedPlane,
@@ -94,6 +99,24 @@ impl Memory {
     pub(super) fn keep_flow(&mut self) {
         std::mem::swap(&mut self.flow, &mut self.best);
         self.best_trend = self.trend;
+    }
+
+    /// Keep the flow in steady light.
+    pub(super) fn keep_steady(&mut self) -> Result<()> {
+        self.steady_trend = self.trend;
+        for (steady, flow) in self.steady.iter_mut().zip(&self.flow) {
+            steady.copy_from(flow)?;
+        }
+        Ok(())
+    }
+
+    /// Take the flow in steady light again.
+    pub(super) fn take_steady(&mut self) -> Result<()> {
+        self.trend = self.steady_trend;
+        for (flow, steady) in self.flow.iter_mut().zip(&self.steady) {
+            flow.copy_from(steady)?;
+        }
+        Ok(())
     }
 
     /// Take the best flow again.

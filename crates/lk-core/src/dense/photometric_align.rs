@@ -16,6 +16,8 @@ const LIGHT_RADII: [(usize, usize); 4] = [(3, 8), (2, 8), (5, 12), (3, 6)];
 const SUSPICIOUS: f64 = 0.05;
 /// Light is taken to have changed where that leaves less than this share of the misfit.
 const CHANGED: f64 = 0.9;
+/// Light that leaves more than this share of the misfit may be the motion of thin things.
+const DOUBTFUL: f64 = 0.5;
 /// Below this share of the frame pixels at its limits are the extremes of any frame, not those of a sensor.
 const FEW_CLIPPED: f32 = 0.001;
 /// No other guess is tried where the first ones leave more than this share of it.
@@ -37,6 +39,7 @@ impl CoarseToFine<'_> {
         let mut lit = None;
         let mut best_short = false;
         let mut tried = f64::MAX;
+        self.memory.keep_steady()?;
         self.memory.keep_flow();
         let levels = &self.prev.levels()[first..];
         self.memory.coarse.resize_with(levels.len(), Plane::default);
@@ -81,6 +84,9 @@ impl CoarseToFine<'_> {
             light, best_light, ..
         } = &mut *self.memory;
         std::mem::swap(light, best_light);
+        if lit.is_some() && least > DOUBTFUL * before && !self.light_explains_more(first)? {
+            lit = None;
+        }
         if lit.is_some() {
             self.short = best_short;
             self.relight_all(first)?;
@@ -88,6 +94,53 @@ impl CoarseToFine<'_> {
         }
         self.short = false;
         Ok(lit)
+    }
+
+    /// Whether the light, with its flow, leaves less misfit on the level below `first` than the flow in steady light does; that
+    /// flow is taken if not. On `first` what moves may be too thin to be followed there, and a gain that follows its edges
+    /// explains more.
+    fn light_explains_more(&mut self, first: usize) -> Result<bool> {
+        let finest = self.options.recipe.finest;
+        if first <= finest {
+            return Ok(true);
+        }
+        let level = first - 1;
+        self.memory.keep_flow();
+        let Memory {
+            flow,
+            best,
+            finer,
+            light,
+            unclipped,
+            ..
+        } = &mut *self.memory;
+        for (flow, best) in flow.iter_mut().zip(best) {
+            flow.copy_from(best)?;
+        }
+        let plane = &mut self.prev.levels_mut()[level];
+        finer.copy_of(plane)?;
+        unclipped.resize(plane.width(), plane.height())?;
+        light.apply_clipped(plane, 1, self.ranges, unclipped, self.execution)?;
+        let lit = self.misfit_of(level)?;
+        self.prev.levels_mut()[level].copy_of(&self.memory.finer)?;
+        self.memory.take_steady()?;
+        let steady = self.misfit_of(level)?;
+        let more = lit < CHANGED * steady;
+        if more {
+            self.memory.take_best_flow();
+        } else {
+            self.memory.take_steady()?;
+        }
+        Ok(more)
+    }
+
+    /// What the flow, of half the size of `level`, leaves there after it was improved.
+    fn misfit_of(&mut self, level: usize) -> Result<f64> {
+        self.memory.halved = Some(2.0);
+        self.level(level, true)?;
+        self.memory.halved = None;
+        self.judged = false;
+        Ok(self.memory.misfit())
     }
 
     /// Give `prev` the light of `next` on all levels, as level `from` has seen it. A sensor clips what is beyond its range,
