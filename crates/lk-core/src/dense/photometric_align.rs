@@ -17,7 +17,9 @@ const SUSPICIOUS: f64 = 0.05;
 /// Light is taken to have changed where that leaves less than this share of the misfit.
 const CHANGED: f64 = 0.9;
 /// Light that leaves more than this share of the misfit may be the motion of thin things.
-const DOUBTFUL: f64 = 0.5;
+/// Light is kept if it leaves less than this share of the misfit there.
+const EXPLAINS: f64 = 0.8;
+const DOUBTFUL: f64 = 0.3;
 /// Below this share of the frame pixels at its limits are the extremes of any frame, not those of a sensor.
 const FEW_CLIPPED: f32 = 0.001;
 /// No other guess is tried where the first ones leave more than this share of it.
@@ -125,7 +127,7 @@ impl CoarseToFine<'_> {
         self.prev.levels_mut()[level].copy_of(&self.memory.finer)?;
         self.memory.take_steady()?;
         let steady = self.misfit_of(level)?;
-        let more = lit < CHANGED * steady;
+        let more = lit < EXPLAINS * steady;
         if more {
             self.memory.take_best_flow();
         } else {
