@@ -53,7 +53,7 @@ impl CoarseToFine<'_> {
         // What the flow of the grid differs by from one of its pixels to the next.
         let scale = halved.unwrap_or(1.0);
         let slopes = trend
-            .common_slopes()
+            .carrying_slopes()
             .map(|axis| axis.map(|slope| slope * step as f32 / scale));
         if step == 1 || halved.is_some() {
             return fill.spread(flow.each_mut(), sureness, slopes);
@@ -105,7 +105,10 @@ impl Fill {
             size = (size.0.div_ceil(2), size.1.div_ceil(2));
             count += 1;
         }
-        self.grids.resize_with(count, Grid::default);
+        // Those of a larger level are kept.
+        if self.grids.len() < count {
+            self.grids.resize_with(count, Grid::default);
+        }
         let plane = |axis: usize, x: usize, y: usize| {
             slopes[axis][0] * x as f32 + slopes[axis][1] * y as f32
         };

@@ -67,6 +67,8 @@ mod warp;
 mod weights;
 mod windows;
 
+use ndarray::ArrayView2;
+
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, expect_size, pixels_of, scale_by};
@@ -184,7 +186,7 @@ impl DenseFlow {
     ) -> Result<bool> {
         let primed = std::mem::replace(&mut self.primed, false);
         pixels_of("frame", frame.dim())?;
-        check_hints(frame.dim(), hints)?;
+        let hints = checked(frame.dim(), hints)?;
         if primed {
             std::mem::swap(&mut self.prev, &mut self.next);
             let before = &self.prev.pyramid.levels()[0];
@@ -229,7 +231,7 @@ impl DenseFlow {
         self.primed = false;
         expect_size("next", next.dim(), "prev", prev.dim())?;
         pixels_of("prev", prev.dim())?;
-        check_hints(prev.dim(), hints)?;
+        let hints = checked(prev.dim(), hints)?;
         let execution = self.execution(prev.len());
         let side = self.options.recipe.smoothing_side();
         let measured = within_pool(&execution, || {
@@ -425,7 +427,8 @@ impl Source {
     }
 }
 
-fn check_hints((height, width): (usize, usize), hints: DenseHints<'_>) -> Result<()> {
+/// The hints without masks that leave nothing out.
+fn checked((height, width): (usize, usize), hints: DenseHints<'_>) -> Result<DenseHints<'_>> {
     for (name, mask) in [("mask", hints.mask), ("next_mask", hints.next_mask)] {
         if let Some(mask) = mask {
             expect_size(name, mask.dim(), "the frames", (height, width))?;
@@ -441,7 +444,12 @@ fn check_hints((height, width): (usize, usize), hints: DenseHints<'_>) -> Result
             format!("({height}, {width}, 2)"),
         ));
     }
-    Ok(())
+    let leaves_out = |mask: &ArrayView2<'_, bool>| mask.iter().any(|counts| !counts);
+    Ok(DenseHints {
+        mask: hints.mask.filter(leaves_out),
+        next_mask: hints.next_mask.filter(leaves_out),
+        ..hints
+    })
 }
 
 #[cfg(test)]

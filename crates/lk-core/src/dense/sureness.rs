@@ -18,8 +18,9 @@ const SIZE: usize = 2 * RADIUS + 1;
 const QUIET: f32 = 0.2;
 /// Noise is at most this many times as strong elsewhere.
 const STRONG: f32 = 4.0;
-/// Mean squared differences that noise alone has, as a multiple of the smaller eigenvalue of its structure tensor.
-const NOISE: f32 = 8.0;
+/// Mean squared differences that noise alone has, as a multiple of the smaller eigenvalue of its structure tensor: 8 to 10;
+/// less, as flat ground must say nothing however large it is.
+const NOISE: f32 = 4.0;
 /// The noise of the quietest pictures, in squared grey levels.
 const QUIETEST: f32 = 0.002;
 /// The variance of a displacement that is as much as nothing, over that of one pixel of noise: squared pixels of the frame,

@@ -32,6 +32,8 @@ const PLENTY: f32 = 0.9;
 /// Where fewer do there is no motion that most of the flow follows.
 const ENOUGH: f32 = 0.4;
 
+/// Slopes are needed where this much less of the flow is near one displacement.
+const LEVEL: f32 = 0.03;
 /// Flow is brought along the slopes where at least as many follow them.
 const COMMON: f32 = 0.7;
 
@@ -44,6 +46,8 @@ pub(super) struct Trend {
     pub(super) affine: f32,
     /// The share of the flow that is near.
     share: f32,
+    /// Whether fewer are near one displacement.
+    sloped: bool,
 }
 
 /// Planes of u and v over coordinates of -1 to 1.
@@ -71,7 +75,8 @@ impl Trend {
         )?;
         let samples = &*places;
         heights.clear();
-        reserve("heights of a flow", heights, samples.len())?;
+        // Another flow may have more samples that speak.
+        reserve("heights of a flow", heights, places.capacity())?;
         let across = if halved.is_some() { 2.0 } else { 1.0 };
         let [x, y] = centre.map(|centre| 1.0 / (centre * across));
         let before =
@@ -80,12 +85,25 @@ impl Trend {
         if share < ENOUGH {
             return Ok(Self::default());
         }
+        let level = along(samples, [[0.0; 2]; 2], heights);
+        let sloped = within(samples, &level, NEAR) < share - LEVEL;
         Ok(Self {
             slopes: planes
                 .map(|[_, along_x, along_y]| [(along_x * x) as f32, (along_y * y) as f32]),
             affine: within(samples, &planes, ON),
             share,
+            sloped,
         })
+    }
+
+    /// The slopes along which flow is carried to where nothing was measured: those that most of it cannot do without. What
+    /// a few windows say of slopes would be far off at the other side of the picture.
+    pub(super) fn carrying_slopes(&self) -> Slopes {
+        if self.sloped {
+            self.common_slopes()
+        } else {
+            Slopes::default()
+        }
     }
 
     /// The slopes along which flow is brought from a pixel to another: those of a motion that nearly all of it follows.
