@@ -1,6 +1,5 @@
 //! The pixels of a window that count: where the template's pixel does and the one that it is compared with.
 
-use super::region::MAX_REGION;
 use super::template::{MAX_CELLS, TemplateSums};
 use super::{MAX_SIDE, Sampling, Sums, Template, Window};
 use crate::simd::{EIGHT, Eight, EightKernel, Packed};
@@ -16,6 +15,28 @@ const CLIPPED_SHARE: u32 = 2;
 /// pixels a window reads unchanged.
 const WHOLE: f32 = 0.05;
 
+/// Pixels that are looked at at once, and those of the largest window, up to whole ones.
+const CHUNK: usize = 64;
+const CHUNKED: usize = (MAX_SIDE * MAX_SIDE).next_multiple_of(CHUNK);
+
+/// With a row below the last.
+const SCRATCH: usize = CHUNKED + MAX_SIDE;
+
+/// How many pixels are `least` at least.
+fn at_least(least: u8, pixels: &[u8]) -> u32 {
+    let chunks = pixels.chunks_exact(CHUNK);
+    chunks
+        .map(|chunk| {
+            u32::from(
+                chunk
+                    .iter()
+                    .map(|byte| u8::from(*byte >= least))
+                    .sum::<u8>(),
+            )
+        })
+        .sum()
+}
+
 /// Which of a window's pixels count, and sums over those that do.
 #[derive(Debug)]
 pub(super) struct Joint {
@@ -24,7 +45,9 @@ pub(super) struct Joint {
     own_whole: bool,
     /// Bits to keep of each cell, in the order of the template's cells.
     keep: [Packed; MAX_CELLS],
-    scratch: [u8; MAX_REGION * MAX_REGION],
+    /// 1 for each pixel that counts, in rows of the window's width, up to whole chunks.
+    counts: [u8; CHUNKED],
+    scratch: [u8; SCRATCH],
     /// Whether `keep` is in force, and the pixels of `next` that the window's first sample read when it was made.
     masked: bool,
     seen: [[isize; 2]; 2],
@@ -90,6 +113,7 @@ impl Joint {
             own: [COUNTS; _],
             own_whole: true,
             keep: [Packed::ZERO; _],
+            counts: [0; _],
             scratch: [0; _],
             masked: false,
             seen: [[0; 2]; 2],
@@ -102,30 +126,12 @@ impl Joint {
         (self.own_whole, self.masked) = (true, false);
     }
 
-    /// What a filter from `before` each pixel to `after` it finds of `support` in a window whose samples read `reads`;
-    /// whether all of it counts. The result stands in `scratch`, in rows of `window.width`.
-    fn look(
-        &mut self,
-        support: &Support,
-        reads: [[isize; 2]; 2],
-        window: Window,
-        before: isize,
-        after: isize,
-    ) -> bool {
-        let size = (window.width, window.height);
-        support.least(reads, size, [before, after], &mut self.scratch)
-    }
-
     /// Take what `prev` has under the window whose first sample is at `corner`.
     fn take_own(&mut self, support: &Support, corner: [f32; 2], window: Window, spline: bool) {
         // A gradient looks one sample to each side.
-        let (before, after) = if spline { (2, 2) } else { (1, 1) };
-        let reads = corner.map(reads);
-        self.own_whole = self.look(support, reads, window, before, after);
-        if !self.own_whole {
-            let count = window.width * window.height;
-            self.own[..count].copy_from_slice(&self.scratch[..count]);
-        }
+        let reach = if spline { [2, 2] } else { [1, 1] };
+        let size = (window.width, window.height);
+        self.own_whole = support.least(corner.map(reads), size, reach, &mut self.own);
     }
 }
 
@@ -147,7 +153,7 @@ impl Template {
         let half = self.window.half();
         let corner = [centre[0] - half[0], centre[1] - half[1]];
         let spline = self.sampling == Sampling::Spline;
-        let (before, after) = if spline { (1, 1) } else { (0, 0) };
+        let reach = if spline { [1, 1] } else { [0, 0] };
         if self.joint.masked {
             // What is read near a whole pixel has no weight: a window that rests there does not change.
             let within = [0, 1].into_iter().all(|axis| {
@@ -162,26 +168,23 @@ impl Template {
         }
         let reads = corner.map(reads);
         let window = self.window;
-        let whole = self.joint.look(support, reads, window, before, after);
-        if whole && self.joint.own_whole {
-            if !self.joint.masked {
+        let size = (window.width, window.height);
+        let joint = &mut self.joint;
+        let whole = support.least(reads, size, reach, &mut joint.scratch);
+        if whole && joint.own_whole {
+            if !joint.masked {
                 return Place::Same;
             }
-            self.joint.masked = false;
+            joint.masked = false;
             self.moments = Moments::whole(window);
             self.sums = self.whole_sums;
             return Place::Other;
         }
-        if !self.joint.masked {
+        if !joint.masked {
             self.whole_sums = self.sums;
         }
-        self.joint.masked = true;
-        self.joint.seen = reads;
-        if self.joint.unite(whole, window) {
-            Place::Other
-        } else {
-            Place::Bare
-        }
+        joint.seen = reads;
+        joint.unite(whole, window)
     }
 
     /// Sums over the window of the difference, with the coordinates made orthogonal.
@@ -195,9 +198,10 @@ impl Template {
 }
 
 impl Joint {
-    /// Keep the pixels that count in both; whether they are enough. `whole` where all of `next` do.
-    fn unite(&mut self, whole: bool, window: Window) -> bool {
-        let count = window.width * window.height;
+    /// Keep the pixels that count in both. `whole` where all of `next` do.
+    fn unite(&mut self, whole: bool, window: Window) -> Place {
+        let Window { width, height } = window;
+        let count = width * height;
         let (both, own) = (&mut self.scratch[..count], &self.own[..count]);
         if whole {
             both.copy_from_slice(own);
@@ -206,36 +210,49 @@ impl Joint {
                 *both = (*both).min(*own);
             }
         }
-        let at_least = |least: u8| {
-            both.iter()
-                .map(|byte| u32::from(*byte >= least))
-                .sum::<u32>()
-        };
-        let (there, good) = (at_least(CLIPPED), at_least(COUNTS));
+        // Up to whole chunks, also those that are read a row further on.
+        let padded = count.next_multiple_of(CHUNK);
+        self.scratch[count..padded + width].fill(ABSENT);
+        let both = &mut self.scratch[..padded];
+        let (there, good) = (at_least(CLIPPED, both), at_least(COUNTS, both));
         let least = if CLIPPED_SHARE * good >= there {
             COUNTS
         } else {
             CLIPPED
         };
-        if f64::from(there.min(at_least(least))) < LEAST_SHARE * count as f64 {
-            return false;
+        let counting = if least == COUNTS { good } else { there };
+        if f64::from(counting) < LEAST_SHARE * count as f64 {
+            self.masked = true;
+            return Place::Bare;
         }
-        let mut pairs = 0;
-        for (above, here) in both.iter().zip(&both[window.width..]) {
-            pairs += u32::from((*above).min(*here) >= least);
+        for byte in both.iter_mut() {
+            *byte = u8::from(*byte >= least);
         }
-        self.moments.pairs = f64::from(pairs);
-        for (row, line) in both.chunks_exact(window.width).enumerate() {
-            for (block, bytes) in line.chunks(EIGHT).enumerate() {
-                let mut lanes = [ABSENT; EIGHT];
-                lanes[..bytes.len()].copy_from_slice(bytes);
-                let keep = &mut self.keep[block * window.height + row].0;
-                for (lane, byte) in keep.iter_mut().zip(lanes) {
-                    *lane = f32::from_bits(0u32.wrapping_sub(u32::from(byte >= least)));
+        // The same pixels as before have the same sums.
+        let counts = &mut self.counts[..padded];
+        if self.masked && counts == both {
+            return Place::Same;
+        }
+        counts.copy_from_slice(both);
+        self.masked = true;
+        let below = self.scratch[width..].chunks_exact(CHUNK);
+        let pairs = counts.chunks_exact(CHUNK).zip(below).map(|(here, below)| {
+            let pairs = here.iter().zip(below).map(|(here, below)| here & below);
+            u32::from(pairs.sum::<u8>())
+        });
+        self.moments.pairs = f64::from(pairs.sum::<u32>());
+        for block in 0..window.blocks() {
+            let first = block * EIGHT;
+            let keep = &mut self.keep[block * height..][..height];
+            for (row, keep) in keep.iter_mut().enumerate() {
+                let bytes = &self.scratch[row * width + first..][..EIGHT];
+                for (lane, (keep, byte)) in keep.0.iter_mut().zip(bytes).enumerate() {
+                    let counts = u32::from(*byte) & u32::from(first + lane < width);
+                    *keep = f32::from_bits(0u32.wrapping_sub(counts));
                 }
             }
         }
-        true
+        Place::Other
     }
 
     /// The bits to keep of a column of cells.

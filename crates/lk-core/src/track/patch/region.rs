@@ -110,14 +110,38 @@ fn mirrored<'a>(
     scratch: &'a mut BorderScratch,
 ) -> Region<'a> {
     let (width, height) = (plane.width(), plane.height());
+    // Columns that the plane has, from the first to the last but one; the others are mirrored.
+    let first = (-x).clamp(0, columns as isize) as usize;
+    let end = (width as isize - x).clamp(first as isize, columns as isize) as usize;
     let mut source = [0usize; MAX_REGION];
-    for (column, from) in source[..columns].iter_mut().enumerate() {
-        *from = mirror(x + column as isize, width);
+    for column in (0..first).chain(end..columns) {
+        source[column] = mirror(x + column as isize, width);
     }
-    for row in 0..rows {
-        let from = plane.row(mirror(y + row as isize, height));
-        let to = &mut scratch.0[row * MAX_REGION..row * MAX_REGION + columns];
-        for (to, column) in to.iter_mut().zip(&source) {
+    let own = if first < end {
+        let start = (x + first as isize) as usize;
+        start..start + end - first
+    } else {
+        0..0
+    };
+    let [left, right] = [&source[..first], &source[end..columns]];
+    for (row, to) in scratch
+        .0
+        .chunks_exact_mut(MAX_REGION)
+        .take(rows)
+        .enumerate()
+    {
+        let y = y + row as isize;
+        let within = y >= 0 && y < height as isize;
+        let from = plane.row(if within {
+            y as usize
+        } else {
+            mirror(y, height)
+        });
+        to[first..end].copy_from_slice(&from[own.clone()]);
+        for (to, column) in to.iter_mut().zip(left) {
+            *to = from[*column];
+        }
+        for (to, column) in to[end..].iter_mut().zip(right) {
             *to = from[*column];
         }
     }

@@ -1,75 +1,20 @@
 //! Which pixels of a frame count: inside of it, not masked, finite, and not clipped at either end.
 
+mod clipping;
+mod masks;
+mod window;
+
 use ndarray::ArrayView2;
+
+pub use masks::Masks;
 
 use crate::error::Result;
 use crate::execution::Execution;
-use crate::frame::{Frame, Pixel, Plane, expect_size};
+use crate::frame::{Frame, Pixel, Plane};
 use crate::grey::Greys;
 use crate::memory::{replace, resize, zeros};
 use crate::parallel::{RowsMut, for_each_band};
-use crate::simd::{Kernel, Level, dispatch};
-
-/// Which pixels of both frames may be used: true where one counts.
-///
-/// A pixel is used where it counts and where its target does. An overlay that is fixed to the sensor is given as both.
-///
-/// ```
-/// use lk_core::Masks;
-/// use ndarray::Array2;
-///
-/// let mut keep = Array2::from_elem((48, 64), true);
-/// keep.slice_mut(ndarray::s![..8, ..]).fill(false);
-/// let fixed = Masks::default().prev(keep.view()).next(keep.view());
-/// assert!(fixed.of_prev().is_some() && Masks::default().of_next().is_none());
-/// ```
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Masks<'a> {
-    prev: Option<ArrayView2<'a, bool>>,
-    next: Option<ArrayView2<'a, bool>>,
-}
-
-impl<'a> Masks<'a> {
-    /// Those of `prev` that count.
-    #[must_use]
-    pub fn prev(self, mask: impl Into<Option<ArrayView2<'a, bool>>>) -> Self {
-        Self {
-            prev: mask.into(),
-            ..self
-        }
-    }
-
-    /// Those of `next` that count.
-    #[must_use]
-    pub fn next(self, mask: impl Into<Option<ArrayView2<'a, bool>>>) -> Self {
-        Self {
-            next: mask.into(),
-            ..self
-        }
-    }
-
-    /// The mask of `prev`.
-    #[must_use]
-    pub fn of_prev(&self) -> Option<ArrayView2<'a, bool>> {
-        self.prev
-    }
-
-    /// The mask of `next`.
-    #[must_use]
-    pub fn of_next(&self) -> Option<ArrayView2<'a, bool>> {
-        self.next
-    }
-
-    /// Hold both to the (rows, columns) of the frames.
-    pub(crate) fn expect_size(&self, frames: (usize, usize)) -> Result<()> {
-        for (name, mask) in [("mask", self.prev), ("next_mask", self.next)] {
-            if let Some(mask) = mask {
-                expect_size(name, mask.dim(), "the frames", frames)?;
-            }
-        }
-        Ok(())
-    }
-}
+use clipping::limits;
 
 /// A pixel that is masked, not finite, or outside of the frame.
 pub(crate) const ABSENT: u8 = 0;
@@ -91,20 +36,8 @@ const FRAME: &str = "which pixels count";
 /// Pixels along a side of the tiles that are known to count as a whole.
 const TILE: usize = 16;
 
-/// Columns of the widest window that is looked at, its filter's reach among them.
-const MOST_COLUMNS: usize = 80;
-
 /// Weight out of 256 that must count below a pixel of the next level.
 const LEAST_WEIGHT: u16 = 192;
-
-/// Of so many pixels, and of this share of the frame, an end of the range must be made up for it to be a limit.
-const LEAST_PILE: usize = 16;
-const PILE_SHARE: f64 = 0.001;
-
-/// Where grey levels are cut off, slopes lead to them: of the steps from a limit to its neighbour in the row so large a
-/// share is below this share of the range. The edges of flat shapes in black and white are jumps.
-const SOFT_SHARE: f64 = 0.25;
-const SOFT_STEP: f32 = 0.125;
 
 /// For each pixel of a frame, or of one level of its pyramid, whether it counts: [`ABSENT`], [`CLIPPED`] or [`COUNTS`].
 /// The worse is the smaller, so that a filter's support is the least of its pixels'.
@@ -377,218 +310,6 @@ impl Support {
             self.bytes[y as usize * self.width + x as usize]
         }
     }
-
-    /// Whether all `columns` by `rows` pixels from (x, y) on count.
-    #[inline(always)]
-    pub(crate) fn holds(&self, (x, y): (isize, isize), columns: usize, rows: usize) -> bool {
-        let [(left, right), (top, bottom)] = self.inner;
-        x >= left as isize
-            && y >= top as isize
-            && x + columns as isize <= right as isize
-            && y + rows as isize <= bottom as isize
-            && (self.bytes.is_empty() || self.has_whole((x as usize, y as usize), columns, rows))
-    }
-
-    /// [`Support::holds`] where clipped pixels count too.
-    pub(crate) fn has_all(&self, place: (isize, isize), columns: usize, rows: usize) -> bool {
-        if self.absent {
-            return self.holds(place, columns, rows);
-        }
-        let [(left, right), (top, bottom)] = self.inner;
-        place.0 >= left as isize
-            && place.1 >= top as isize
-            && place.0 + columns as isize <= right as isize
-            && place.1 + rows as isize <= bottom as isize
-    }
-
-    /// [`Support::holds`] for pixels of the frame.
-    fn has_whole(&self, (x, y): (usize, usize), columns: usize, rows: usize) -> bool {
-        if columns == 0 || rows == 0 {
-            return true;
-        }
-        let across = self.width.div_ceil(TILE);
-        let tiles = y / TILE..(y + rows - 1) / TILE + 1;
-        let whole = tiles.clone().all(|row| {
-            let tiles = x / TILE..(x + columns - 1) / TILE + 1;
-            !self.broken[row * across..][tiles].contains(&true)
-        });
-        whole
-            || (y..y + rows).all(|y| {
-                let pixels = &self.row(y)[x..x + columns];
-                pixels.iter().fold(COUNTS, |least, byte| least.min(*byte)) == COUNTS
-            })
-    }
-
-    /// The least of what a filter finds that reaches `before` and `after` each of `columns` by `rows` samples, the first of
-    /// which reads the pixels `reads`, from one to another along x and y; true where all of it counts. Otherwise it stands
-    /// in `to`, row by row, which has room for the filter's reach.
-    pub(crate) fn least(
-        &self,
-        [x, y]: [[isize; 2]; 2],
-        (width, height): (usize, usize),
-        [before, after]: [isize; 2],
-        to: &mut [u8],
-    ) -> bool {
-        let reach = [x, y].map(|[low, high]| (high - low + before + after) as usize);
-        let place = (x[0] - before, y[0] - before);
-        let (columns, rows) = (width + reach[0], height + reach[1]);
-        if self.holds(place, columns, rows) {
-            return true;
-        }
-        let region = &mut to[..columns * rows];
-        self.window(place, columns, region);
-        // Along the rows, then down the columns: what is written was read before.
-        let mut line = [ABSENT; MOST_COLUMNS];
-        for row in 0..rows {
-            line[..columns].copy_from_slice(&region[row * columns..][..columns]);
-            let least = &mut region[row * width..][..width];
-            least.copy_from_slice(&line[..width]);
-            for tap in 1..=reach[0] {
-                for (least, byte) in least.iter_mut().zip(&line[tap..]) {
-                    *least = (*least).min(*byte);
-                }
-            }
-        }
-        for row in 0..height {
-            let (above, below) = region.split_at_mut((row + 1) * width);
-            let least = &mut above[row * width..];
-            for tap in 0..reach[1] {
-                for (least, byte) in least.iter_mut().zip(&below[tap * width..]) {
-                    *least = (*least).min(*byte);
-                }
-            }
-        }
-        false
-    }
-
-    /// What the pixels from (x, y) on are, in rows of `columns`.
-    pub(crate) fn window(&self, (x, y): (isize, isize), columns: usize, to: &mut [u8]) {
-        to.fill(ABSENT);
-        let [(left, right), (top, bottom)] = self.inner;
-        let first = (left as isize - x).clamp(0, columns as isize) as usize;
-        let end = (right as isize - x).clamp(first as isize, columns as isize) as usize;
-        for (row, to) in to.chunks_exact_mut(columns).enumerate() {
-            let y = y + row as isize;
-            if y < top as isize || y >= bottom as isize || first == end {
-                continue;
-            }
-            let start = (x + first as isize) as usize;
-            match self.row(y as usize) {
-                [] => to[first..end].fill(COUNTS),
-                bytes => to[first..end].copy_from_slice(&bytes[start..start + end - first]),
-            }
-        }
-    }
-}
-
-/// The least and the largest grey level where those of `frame` are cut off.
-///
-/// Bytes are cut off at 0 and 255. Deeper types hold the grey levels of sensors of many depths, and floats any range: the
-/// ends are those of the frame. At either end there must be a pile of them, with slopes that lead to it. What `mask` takes
-/// away says nothing of that.
-fn limits<T: Pixel>(
-    frame: Frame<'_, T>,
-    mask: Option<ArrayView2<'_, bool>>,
-    greys: &Greys,
-) -> [Option<f32>; 2] {
-    let extremes = match mask {
-        Some(mask) => kept_extremes(frame, mask),
-        None => greys.extremes(),
-    };
-    let Some([low, high]) = extremes else {
-        return [None; 2];
-    };
-    let reached = |end: f32, limit: f32| T::DEPTH != Some(8) || end == limit;
-    let soft = SOFT_STEP * (high - low);
-    [(low, 0.0), (high, 255.0)].map(|(end, limit)| {
-        (reached(end, limit) && high > low && piles_up(frame, mask, end, soft)).then_some(end)
-    })
-}
-
-/// The least and the largest finite grey level that `mask` keeps.
-fn kept_extremes<T: Pixel>(frame: Frame<'_, T>, mask: ArrayView2<'_, bool>) -> Option<[f32; 2]> {
-    let mut found = [f32::INFINITY, f32::NEG_INFINITY];
-    for (row, keep) in frame.rows().into_iter().zip(mask.rows()) {
-        for (value, keep) in row.iter().zip(keep) {
-            let value = value.to_f32();
-            if *keep && value.is_finite() {
-                found = [found[0].min(value), found[1].max(value)];
-            }
-        }
-    }
-    (found[0] <= found[1]).then_some(found)
-}
-
-/// Whether grey levels that `mask` keeps pile up at `end`, within slopes whose steps are at most `soft`.
-fn piles_up<T: Pixel>(
-    frame: Frame<'_, T>,
-    mask: Option<ArrayView2<'_, bool>>,
-    end: f32,
-    soft: f32,
-) -> bool {
-    let keep = |y: usize, x: usize| mask.is_none_or(|mask| mask[(y, x)]);
-    let among = mask.map_or(frame.len(), |mask| {
-        mask.iter().filter(|keep| **keep).count()
-    });
-    let least = (PILE_SHARE * among as f64).max(LEAST_PILE as f64);
-    let mut found = Pile::default();
-    for (y, row) in frame.rows().into_iter().enumerate() {
-        let part = match row.as_slice() {
-            Some(row) if mask.is_none() => dispatch(Level::detected(), Count { row, end }),
-            _ => row
-                .iter()
-                .enumerate()
-                .map(|(x, value)| u32::from(value.to_f32() == end && keep(y, x)))
-                .sum(),
-        };
-        found.pixels += part as usize;
-    }
-    if (found.pixels as f64) < least {
-        return false;
-    }
-    for (y, row) in frame.rows().into_iter().enumerate() {
-        let mut last = f32::NAN;
-        for (x, value) in row.iter().enumerate() {
-            if !keep(y, x) {
-                last = f32::NAN;
-                continue;
-            }
-            let value = value.to_f32();
-            let step = (value - last).abs();
-            let is_step = step > 0.0 && (value == end || last == end);
-            found.steps += u32::from(is_step);
-            found.gentle += u32::from(is_step && step <= soft);
-            last = value;
-        }
-    }
-    found.gentle > 0 && f64::from(found.gentle) >= SOFT_SHARE * f64::from(found.steps)
-}
-
-/// Pixels at an end of the range, steps from them to others in the row, and those that are gentle.
-#[derive(Debug, Default)]
-struct Pile {
-    pixels: usize,
-    steps: u32,
-    gentle: u32,
-}
-
-/// How many pixels of a row have this grey level.
-struct Count<'a, T> {
-    row: &'a [T],
-    end: f32,
-}
-
-impl<T: Pixel> Kernel for Count<'_, T> {
-    type Output = u32;
-
-    #[inline(always)]
-    fn run(self) -> u32 {
-        let mut count = 0;
-        for value in self.row {
-            count += u32::from(value.to_f32() == self.end);
-        }
-        count
-    }
 }
 
 #[cfg(test)]
@@ -598,7 +319,7 @@ mod tests {
 
     use super::*;
 
-    fn support<T: Pixel>(frame: &Array2<T>, mask: Option<&Array2<bool>>) -> Support {
+    pub(super) fn support<T: Pixel>(frame: &Array2<T>, mask: Option<&Array2<bool>>) -> Support {
         let mut support = Support::default();
         let mask = mask.map(|mask| mask.view());
         support
@@ -608,36 +329,6 @@ mod tests {
     }
 
     proptest! {
-        #[test]
-        fn windows_are_the_pixels_themselves(
-            height in 1usize..40, width in 1usize..60, x in -9isize..50, y in -9isize..50,
-            columns in 1usize..30, rows in 1usize..30, seed in any::<u32>(), share in 0u32..40,
-        ) {
-            let random = |x: usize, y: usize| {
-                (x as u32 * 7919 + y as u32 * 104_729).wrapping_add(seed).wrapping_mul(2_654_435_761) >> 16
-            };
-            let frame = Array2::from_shape_fn((height, width), |(y, x)| {
-                if random(x, y) % 997 < share { f32::NAN } else { (x + y) as f32 }
-            });
-            let mask = Array2::from_shape_fn((height, width), |(y, x)| random(y + 99, x) % 991 >= share);
-            let found = support(&frame, Some(&mask));
-            let counts = |x: isize, y: isize| {
-                let inside = x >= 0 && y >= 0 && x < width as isize && y < height as isize;
-                inside && mask[(y as usize, x as usize)] && frame[(y as usize, x as usize)].is_finite()
-            };
-            let mut window = vec![7; columns * rows];
-            found.window((x, y), columns, &mut window);
-            for row in 0..rows {
-                for column in 0..columns {
-                    let (x, y) = (x + column as isize, y + row as isize);
-                    prop_assert_eq!(found.at(x, y), window[row * columns + column]);
-                    prop_assert_eq!(window[row * columns + column] == COUNTS, counts(x, y));
-                }
-            }
-            let all = window.iter().all(|byte| *byte == COUNTS);
-            prop_assert_eq!(found.holds((x, y), columns, rows), all);
-        }
-
         #[test]
         fn a_coarser_pixel_counts_where_most_of_it_does(
             height in 1usize..30, width in 1usize..30, seed in any::<u32>(), share in 0u32..300,

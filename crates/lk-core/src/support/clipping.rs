@@ -1,0 +1,125 @@
+//! At which grey levels those of a frame are cut off.
+
+use ndarray::ArrayView2;
+
+use crate::frame::{Frame, Pixel};
+use crate::grey::Greys;
+use crate::simd::{Kernel, Level, dispatch};
+
+/// Of so many pixels, and of this share of the frame, an end of the range must be made up for it to be a limit.
+const LEAST_PILE: usize = 16;
+const PILE_SHARE: f64 = 0.001;
+
+/// Where grey levels are cut off, slopes lead to them: of the steps from a limit to its neighbour in the row so large a
+/// share is below this share of the range. The edges of flat shapes in black and white are jumps.
+const SOFT_SHARE: f64 = 0.25;
+const SOFT_STEP: f32 = 0.125;
+/// The least and the largest grey level where those of `frame` are cut off.
+///
+/// Bytes are cut off at 0 and 255. Deeper types hold the grey levels of sensors of many depths, and floats any range: the
+/// ends are those of the frame. At either end there must be a pile of them, with slopes that lead to it. What `mask` takes
+/// away says nothing of that.
+pub(super) fn limits<T: Pixel>(
+    frame: Frame<'_, T>,
+    mask: Option<ArrayView2<'_, bool>>,
+    greys: &Greys,
+) -> [Option<f32>; 2] {
+    let extremes = match mask {
+        Some(mask) => kept_extremes(frame, mask),
+        None => greys.extremes(),
+    };
+    let Some([low, high]) = extremes else {
+        return [None; 2];
+    };
+    let reached = |end: f32, limit: f32| T::DEPTH != Some(8) || end == limit;
+    let soft = SOFT_STEP * (high - low);
+    [(low, 0.0), (high, 255.0)].map(|(end, limit)| {
+        (reached(end, limit) && high > low && piles_up(frame, mask, end, soft)).then_some(end)
+    })
+}
+
+/// The least and the largest finite grey level that `mask` keeps.
+fn kept_extremes<T: Pixel>(frame: Frame<'_, T>, mask: ArrayView2<'_, bool>) -> Option<[f32; 2]> {
+    let mut found = [f32::INFINITY, f32::NEG_INFINITY];
+    for (row, keep) in frame.rows().into_iter().zip(mask.rows()) {
+        for (value, keep) in row.iter().zip(keep) {
+            let value = value.to_f32();
+            if *keep && value.is_finite() {
+                found = [found[0].min(value), found[1].max(value)];
+            }
+        }
+    }
+    (found[0] <= found[1]).then_some(found)
+}
+
+/// Whether grey levels that `mask` keeps pile up at `end`, within slopes whose steps are at most `soft`.
+fn piles_up<T: Pixel>(
+    frame: Frame<'_, T>,
+    mask: Option<ArrayView2<'_, bool>>,
+    end: f32,
+    soft: f32,
+) -> bool {
+    let keep = |y: usize, x: usize| mask.is_none_or(|mask| mask[(y, x)]);
+    let among = mask.map_or(frame.len(), |mask| {
+        mask.iter().filter(|keep| **keep).count()
+    });
+    let least = (PILE_SHARE * among as f64).max(LEAST_PILE as f64);
+    let mut found = Pile::default();
+    for (y, row) in frame.rows().into_iter().enumerate() {
+        let part = match row.as_slice() {
+            Some(row) if mask.is_none() => dispatch(Level::detected(), Count { row, end }),
+            _ => row
+                .iter()
+                .enumerate()
+                .map(|(x, value)| u32::from(value.to_f32() == end && keep(y, x)))
+                .sum(),
+        };
+        found.pixels += part as usize;
+    }
+    if (found.pixels as f64) < least {
+        return false;
+    }
+    for (y, row) in frame.rows().into_iter().enumerate() {
+        let mut last = f32::NAN;
+        for (x, value) in row.iter().enumerate() {
+            if !keep(y, x) {
+                last = f32::NAN;
+                continue;
+            }
+            let value = value.to_f32();
+            let step = (value - last).abs();
+            let is_step = step > 0.0 && (value == end || last == end);
+            found.steps += u32::from(is_step);
+            found.gentle += u32::from(is_step && step <= soft);
+            last = value;
+        }
+    }
+    found.gentle > 0 && f64::from(found.gentle) >= SOFT_SHARE * f64::from(found.steps)
+}
+
+/// Pixels at an end of the range, steps from them to others in the row, and those that are gentle.
+#[derive(Debug, Default)]
+struct Pile {
+    pixels: usize,
+    steps: u32,
+    gentle: u32,
+}
+
+/// How many pixels of a row have this grey level.
+struct Count<'a, T> {
+    row: &'a [T],
+    end: f32,
+}
+
+impl<T: Pixel> Kernel for Count<'_, T> {
+    type Output = u32;
+
+    #[inline(always)]
+    fn run(self) -> u32 {
+        let mut count = 0;
+        for value in self.row {
+            count += u32::from(value.to_f32() == self.end);
+        }
+        count
+    }
+}
