@@ -6,8 +6,10 @@
 //! of a board, a stain on a wall. What they say of one point holds for its neighbours on the same pattern too, as long as
 //! none says otherwise. A point is ambiguous unless all other displacements are excluded.
 
+mod asking;
 mod evidence;
 mod lags;
+mod others;
 
 use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
@@ -17,16 +19,8 @@ use crate::track::neighbours::Grid;
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::solve::{Problem, Workspace};
 use evidence::Verdict;
-use lags::{Half, MAX_LAGS};
-
-/// One point of so many is asked first whether any texture repeats, and one in each square of so many windows a side.
-const SAMPLE: usize = 10;
-const SQUARE: f32 = 2.5;
-
-/// What another displacement may leave in the window, as a share of what the found one leaves, and as one of the window's
-/// own variance: the pixels between the samples differ a little from period to period.
-const AS_WELL: f64 = 1.5;
-const AS_WELL_SHARE: f64 = 0.002;
+use lags::Half;
+use others::{MAX_OTHERS, Other, Others, alike};
 
 /// Share of a lag by which two displacements may differ that are the same.
 const SAME: f64 = 1.0 / 3.0;
@@ -47,65 +41,6 @@ const MOVES: usize = 4;
 
 /// Points that one thread takes at least.
 const MIN_POINTS: usize = 4;
-
-/// Other displacements of one point: along each lag and against it.
-const MAX_OTHERS: usize = 2 * MAX_LAGS;
-
-/// Another displacement that explains the window as well, from the found one.
-#[derive(Debug, Clone, Copy)]
-struct Other {
-    lag: [f64; 2],
-    verdict: Verdict,
-    /// What the pixels around say that are not of the pattern.
-    rest: Verdict,
-}
-
-impl Other {
-    fn length(&self) -> f64 {
-        self.lag[0].hypot(self.lag[1])
-    }
-}
-
-/// All of them.
-#[derive(Debug, Clone, Copy)]
-struct Others {
-    list: [Other; MAX_OTHERS],
-    count: usize,
-}
-
-impl Others {
-    const NONE: Self = Self {
-        list: [Other {
-            lag: [0.0; 2],
-            verdict: Verdict::Open,
-            rest: Verdict::Open,
-        }; MAX_OTHERS],
-        count: 0,
-    };
-
-    fn list(&self) -> &[Other] {
-        &self.list[..self.count]
-    }
-
-    fn is_open(&self) -> bool {
-        self.list()
-            .iter()
-            .any(|other| other.verdict == Verdict::Open)
-    }
-
-    /// Whether `lag`, to within `limit`, has this verdict.
-    fn has(&self, lag: [f64; 2], limit: f64, verdict: Verdict) -> bool {
-        self.list().iter().any(|other| {
-            other.verdict == verdict && (other.lag[0] - lag[0]).hypot(other.lag[1] - lag[1]) < limit
-        })
-    }
-
-    fn is_ambiguous(&self) -> bool {
-        self.list()
-            .iter()
-            .any(|other| other.verdict != Verdict::Excluded)
-    }
-}
 
 /// What is known of one point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -190,59 +125,6 @@ impl Repetition {
         }
         self.moved = rejected;
         Ok(())
-    }
-
-    /// Choose which points are asked first: some of them, in as many parts of the frame as there are.
-    fn choose_first(
-        &mut self,
-        problem: &Problem<'_>,
-        points: &[[f32; 2]],
-        tracks: &[TrackedPoint],
-    ) -> Result<()> {
-        let side = SQUARE * problem.options.window_side() as f32;
-        let (width, height) = problem.size();
-        let [columns, rows] = [width, height].map(|length| (length as f32 / side) as usize + 1);
-        self.taken.clear();
-        resize(POINTS, &mut self.taken, columns * rows, false)?;
-        let taken = &mut self.taken;
-        let mut due = SAMPLE - 1;
-        let states = tracks.iter().zip(points).map(|(track, [x, y])| {
-            if !track.is_valid() {
-                return State::Known;
-            }
-            due += 1;
-            let taken = &mut taken[(y / side) as usize * columns + (x / side) as usize];
-            if due < SAMPLE || *taken {
-                return State::Unasked;
-            }
-            *taken = true;
-            due -= SAMPLE;
-            State::First
-        });
-        replace(POINTS, &mut self.states, states)
-    }
-
-    /// Ask the points near those on texture that repeats; whether there are any that were not asked.
-    fn ask_near(
-        &mut self,
-        problem: &Problem<'_>,
-        points: &[[f32; 2]],
-        grid: &mut Grid,
-    ) -> Result<bool> {
-        let others = &self.others;
-        grid.fill(problem.size(), points, |index| others[index].count > 0)?;
-        let reach = BESIDE * problem.options.window_side() as f32;
-        let mut any = false;
-        for (state, point) in self.states.iter_mut().zip(points) {
-            if *state == State::Unasked {
-                let mut near = grid.nearest::<1>(points, *point);
-                if near.any(|(distance, _)| distance < reach * reach) {
-                    *state = State::Unknown;
-                    any = true;
-                }
-            }
-        }
-        Ok(any)
     }
 
     /// Whether a point moves like its neighbours on a pattern but for some of their lags: at the end of a pattern, what is
@@ -453,58 +335,5 @@ impl Repetition {
             }
         }
         Ok(())
-    }
-}
-
-/// How much the surroundings of a point may differ from themselves a lag away where the found displacement leaves this
-/// share of the window's variance: another one that explains the window as well is so near to it at most.
-fn alike(unexplained: f32) -> f32 {
-    let other = AS_WELL as f32 * unexplained + AS_WELL_SHARE as f32;
-    let apart = unexplained.sqrt() + other.sqrt();
-    0.5 * apart * apart
-}
-
-impl Problem<'_> {
-    /// The displacements other than that of `track` that explain the window of `point` as well.
-    fn others(&self, point: [f32; 2], track: &TrackedPoint, workspace: &mut Workspace) -> Others {
-        let mut others = Others::NONE;
-        let lags = self.lags(point, alike(track.unexplained), Half::Both);
-        if lags.list().is_empty() {
-            return others;
-        }
-        let own = track.displacement(point);
-        let residual = f64::from(track.residual);
-        let longest = self
-            .options
-            .max_displacement
-            .map_or(f64::INFINITY, f64::from);
-        let both = lags
-            .list()
-            .iter()
-            .flat_map(|lag| [*lag, lag.map(|part| -part)]);
-        for lag in both {
-            let length = lag[0].hypot(lag[1]);
-            let start = [own[0] + lag[0], own[1] + lag[1]];
-            if start[0].hypot(start[1]) > longest + SAME * length {
-                continue;
-            }
-            let Some((other, left, signal)) = self.explains(point, start, workspace) else {
-                continue;
-            };
-            let apart = (other[0] - start[0]).hypot(other[1] - start[1]);
-            let lag = [other[0] - own[0], other[1] - own[1]];
-            let near = |other: &Other| {
-                (other.lag[0] - lag[0]).hypot(other.lag[1] - lag[1]) < SAME * length
-            };
-            if apart < SAME * length
-                && other[0].hypot(other[1]) <= longest
-                && left <= AS_WELL * residual * residual + AS_WELL_SHARE * signal
-                && !others.list().iter().any(near)
-            {
-                others.list[others.count].lag = lag;
-                others.count += 1;
-            }
-        }
-        others
     }
 }
