@@ -91,6 +91,20 @@ def test_too_little_support_is_a_status_of_its_own():
     assert tracks.valid[1]
 
 
+@pytest.mark.parametrize("illumination", ["none", "gain_offset"])
+def test_a_single_row_or_column_that_counts_is_too_little_support(illumination):
+    prev, after = pair(4, 1.5, (1.0, 0.5))
+    for line in (np.s_[90, :], np.s_[:, 120]):
+        mask = np.zeros(SHAPE, bool)
+        mask[line] = True
+        tracks = rsflow.track_points(prev, after, [[120, 90]], mask=mask, illumination=illumination)
+        assert tracks.status.tolist() == [PointStatus.LOW_SUPPORT]
+    # Where all pixels count, stripes have too little texture.
+    stripes = np.tile(prev[90], (SHAPE[0], 1))
+    tracks = rsflow.track_points(stripes, stripes, [[120, 90]], illumination=illumination)
+    assert tracks.status.tolist() == [PointStatus.LOW_TEXTURE]
+
+
 def test_corners_are_made_of_pixels_that_count():
     frame = np.full((80, 100), 90, np.uint8)
     frame[20:40, 30:50] = 200

@@ -370,7 +370,14 @@ impl Problem<'_> {
         if !template.sums.products.iter().all(|sum| sum.is_finite()) {
             return Err(PointStatus::NotFinite);
         }
-        let mut normal = Normal::new(template, light).ok_or(PointStatus::LowTexture)?;
+        let mut normal = Normal::new(template, light).ok_or_else(|| {
+            // What is filled in around a few pixels that count has no texture of its own.
+            if template.is_bare() {
+                PointStatus::LowSupport
+            } else {
+                PointStatus::LowTexture
+            }
+        })?;
         let mut displacement = guess;
         let mut last = f64::INFINITY;
         for _ in 0..self.options.max_iterations {

@@ -141,6 +141,14 @@ impl Template {
         self.joint.masked
     }
 
+    /// Whether too few pixels count wherever it is compared, after [`Template::belongs_to`].
+    pub(crate) fn is_bare(&self) -> bool {
+        let count = self.window.width * self.window.height;
+        let own = self.joint.own[..count].iter();
+        let there = own.filter(|byte| **byte >= CLIPPED).count();
+        !self.joint.own_whole && (there as f64) < LEAST_SHARE * count as f64
+    }
+
     /// Take into account which pixels of the frame it was built from count.
     pub(crate) fn belongs_to(&mut self, support: &Support) {
         let spline = self.sampling == Sampling::Spline;
