@@ -116,6 +116,52 @@ def test_one_direction_of_texture_is_an_aperture():
     assert np.isinf(shift.covariance[1, 1])
 
 
+def edge(size: int, angle: float, blur: float, dx: float = 0.0, dy: float = 0.0) -> np.ndarray:
+    """A straight edge at `angle` degrees, blurred over `blur` pixels, the mean over each pixel of 8 x 8 samples."""
+    at = (np.arange(8 * size) + 0.5) / 8 - size / 2
+    x, y = at[None, :] - dx, at[:, None] - dy
+    cosine, sine = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    across = 8 * (x * cosine + y * sine - 1.3)
+    # The share of each sample's square, of sides one, that lies beyond the edge.
+    a, b = max(abs(cosine), 1e-3), max(abs(sine), 1e-3)
+    ends = (((a + b) / 2, 1), ((a - b) / 2, -1), ((b - a) / 2, -1), (-(a + b) / 2, 1))
+    fine = sum(sign * np.maximum(across + end, 0) ** 2 for end, sign in ends) / (2 * a * b)
+    if blur:
+        fine = ndimage.gaussian_filter(fine, 8 * blur, mode="nearest")
+    return 40 + 160 * fine.reshape(size, 8, size, 8).mean((1, 3))
+
+
+@pytest.mark.parametrize("illumination", ["none", "offset", "gain_offset"])
+@pytest.mark.parametrize("blur", [0.0, 0.3, 0.5, 1.2])
+@pytest.mark.parametrize("angle", [0.0, 90.0, 45.0, 4.0, 26.6, 64.2])
+def test_an_edge_is_not_measured_along_itself_and_not_too_surely_across(angle, blur, illumination):
+    rng = np.random.default_rng(round(10 * angle + blur))
+    gain, offset = {"none": (1.0, 0.0), "offset": (1.0, 12.0), "gain_offset": (1.15, -8.0)}[illumination]
+    for size in (32, 48, 64):
+        for move in ((0.5, -0.5), (-1.25, 1.7), (1.0, -2.0)):
+            for noise in (0.0, 1.0):
+                frames = edge(size, angle, blur), gain * edge(size, angle, blur, *move) + offset
+                prev, nxt = ((f + noise * rng.standard_normal(f.shape)).astype(np.float32) for f in frames)
+                shift = estimate_shift(prev, nxt, illumination=illumination)
+                assert shift.status == ShiftStatus.APERTURE
+                across = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+                error = abs((np.array([shift.dx, shift.dy]) - move) @ across)
+                if np.isfinite(error):
+                    assert error < max(0.02, 5 * np.sqrt(shift.direction_variance)), (size, move, noise)
+
+
+@pytest.mark.parametrize("illumination", ["none", "offset", "gain_offset"])
+@pytest.mark.parametrize("size", [48, 64, 128])
+def test_an_edge_that_moved_by_whole_pixels_did_so(size, illumination):
+    for column in (size // 4, 2 * size // 5, size // 2):
+        for dx in (-4, -1, 0, 1, 2, 3):
+            prev, nxt = (np.where(np.arange(size) < at, 40, 200) for at in (column, column + dx))
+            prev, nxt = (np.tile(row.astype(np.float32), (size, 1)) for row in (prev, nxt))
+            shift = estimate_shift(prev, nxt, illumination=illumination)
+            assert shift.status == ShiftStatus.APERTURE
+            assert abs(shift.dx - dx) < 0.02
+
+
 @pytest.mark.parametrize("period", [4.0, 9.0, 20.0])
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.0])
 def test_a_grating_is_an_aperture_and_not_measured_along_itself(period, angle):

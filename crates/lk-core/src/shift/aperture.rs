@@ -1,14 +1,23 @@
 //! A window that shows structure in one direction only: the displacement across the structure.
 
-use super::estimate::measured;
+use super::estimate::{AMBIGUITY_RATIO, EXPLAINED, measured};
+use super::evaluate::GainField;
 use super::gauss_newton::{Found, Guess, Problem};
 use super::matrix::{largest_direction, quadratic};
 use super::normalization::Normalization;
+use super::solve::LightScope;
 use super::{Shift, ShiftStatus};
 use crate::error::Result;
 
 /// A standard deviation above this is no measurement, in pixels.
 const MAX_SIGMA: f64 = 0.5;
+/// What the interpolation of one edge that is not blurred errs by, in pixels, as a standard deviation over its places
+/// between the samples: hundreds of pixels along it may all err alike,
+const PROFILE_SIGMA: f64 = 0.012;
+/// with the dampings by smoothness of an edge that is not blurred and of one that is blurred enough to be sampled, by a
+/// Gaussian of half a pixel.
+const UNBLURRED: f64 = 0.7;
+const BLURRED: f64 = 0.77;
 /// A direction is taken for an axis where the motion along the structure, as far as it may go, adds no more than this
 /// to the other axis, in pixels.
 const AXIS_TOLERANCE: f64 = 0.1;
@@ -28,21 +37,44 @@ impl Problem<'_> {
     /// The displacement across the structure, from what was found without knowing that there is one direction only;
     /// `None` if it cannot be measured either.
     pub(super) fn along_one_direction(&mut self, found: &Found) -> Result<Option<Across>> {
-        let direction = largest_direction(found.solution.information_matrix);
+        // The border of the window, where gradients are not whole, turns the direction.
+        let inside = self.inside(found)?;
+        let solution = inside.as_ref().unwrap_or(&found.solution);
+        let direction = largest_direction(solution.information_matrix);
         let [dx, dy] = found.displacement;
         let across = dx * direction[0] + dy * direction[1];
-        let guess = Guess {
+        let guess = |found: &Found, scope| Guess {
             displacement: direction.map(|value| value * across),
             direction: Some(direction),
             to_the_end: true,
-            ..found.guess(found.scope)
+            ..found.guess(scope)
         };
         let systematic = found.systematic;
-        let Ok(found) = self.gauss_newton(guess)? else {
-            return Ok(None);
+        let plain = Guess {
+            gain: GainField::default(),
+            ..guess(found, LightScope::Window)
+        };
+        // A gain that varies with place or grey level may be the motion of an edge: the simplest light that explains the
+        // frames is taken.
+        let left = |found: &Found| 1.0 - found.solution.correlation;
+        let explains = |plain: &Found| {
+            plain.steady && left(plain) < (1.0 - EXPLAINED).max(AMBIGUITY_RATIO * left(found))
+        };
+        let mut found = match self.gauss_newton(plain)? {
+            Ok(plain) if explains(&plain) => plain,
+            _ => match self.gauss_newton(guess(found, found.scope))? {
+                Ok(found) => found,
+                Err(_) => return Ok(None),
+            },
         };
         let [dx, dy] = found.displacement;
-        let variance = found.solution.variance_along(direction) + quadratic(systematic, direction);
+        found.add(systematic);
+        found.add(self.aliasing(&found, Some(direction))?);
+        let sharpness = (BLURRED - found.solution.damping) / (BLURRED - UNBLURRED);
+        let profile = PROFILE_SIGMA * sharpness.clamp(0.0, 1.0);
+        let variance = profile * profile
+            + found.solution.variance_along(direction)
+            + quadratic(found.systematic, direction);
         Ok(
             (found.steady && variance < MAX_SIGMA * MAX_SIGMA).then_some(Across {
                 found,

@@ -3,7 +3,7 @@
 use super::affine::Affine;
 use super::evaluate::GainField;
 use super::gauss_newton::{COMMON_STRUCTURE, Found, Guess, Problem};
-use super::matrix::{eigenvalues, inverse, quadratic};
+use super::matrix::{eigenvalues, inverse, largest_direction, quadratic};
 use super::normalization::Normalization;
 use super::solve::LightScope;
 use super::start::{Starts, best_start, repeats_along};
@@ -25,9 +25,11 @@ const EDGE_SIGMA: f64 = 0.03;
 /// Less information than this share of that across is that of an edge even without noise: the filters turn the
 /// gradients of one direction by up to a few hundredths.
 const EDGE_INFORMATION: f64 = 3e-3;
+/// Below this share the border of the window, where gradients are not whole, may be what tells it.
+const THIN_INFORMATION: f64 = 0.1;
 /// One light for the window that correlates like this explains next to everything: what it leaves are edges that are too
 /// sharp for the samples.
-const EXPLAINED: f64 = 0.999;
+pub(super) const EXPLAINED: f64 = 0.999;
 /// Displacements with one light for the window and with one for each part of it contradict each other above this square
 /// of their distance in deviations: one in 370 by chance.
 const CONTRADICTION: f64 = 11.8;
@@ -39,7 +41,7 @@ const MAX_GAIN: f64 = 16.0;
 const MIN_SEPARATION: f64 = 1.0;
 /// What a displacement leaves unexplained, as a share of the texture: one explains the frames as well as another where
 /// its share is within this factor, or where it is below [`ROUNDING_SHARE`].
-const AMBIGUITY_RATIO: f64 = 1.3;
+pub(super) const AMBIGUITY_RATIO: f64 = 1.3;
 /// Rounding to whole grey levels leaves this much.
 const ROUNDING_SHARE: f64 = 1e-4;
 /// A rival is the better start where it leaves less by this factor, on no fewer pixels than [`COMPARABLE_OVERLAP`] of the other's:
@@ -132,7 +134,17 @@ impl Workspace {
                 ambiguous |= left(&rival) < AMBIGUITY_RATIO * left(&best) || spared;
             }
         }
-        let status = judge(&best, limit, ambiguous);
+        let mut status = judge(&best, limit, ambiguous);
+        let [low, high] = best.solution.information;
+        if status != ShiftStatus::Aperture
+            && low <= THIN_INFORMATION * high
+            && best.matches
+            && let Some(inside) = problem.inside(&best)?
+            && let [low, high] = inside.information
+            && low <= EDGE_INFORMATION * high
+        {
+            status = ShiftStatus::Aperture;
+        }
         if status == ShiftStatus::Aperture
             && let Some(found) = problem.along_one_direction(&best)?
         {
@@ -155,6 +167,7 @@ impl Workspace {
         if status != ShiftStatus::Valid {
             return Ok(Shift::invalid(status));
         }
+        best.add(problem.aliasing(&best, None)?);
         Ok(measured(inputs.normalization, &best, status))
     }
 }
@@ -188,8 +201,11 @@ impl Problem<'_> {
             (Err(_), tiles) => return Ok(tiles),
         };
         let Some(apart) = contradiction(&window, &tiles) else {
+            let [low, high] = window.solution.information;
+            // Within a tile an edge is next to nothing but its own light.
+            let edge = low <= THIN_INFORMATION * high && window.solution.correlation > EXPLAINED;
             return if window.solution.correlation < COMMON_STRUCTURE
-                || !window.is_surer_than(&tiles)
+                || !(edge || window.is_surer_than(&tiles))
             {
                 Ok(Ok(tiles))
             } else {
@@ -232,8 +248,16 @@ fn contradiction(window: &Found, tiles: &Found) -> Option<[f64; 2]> {
         return None;
     }
     let apart = [0, 1].map(|axis| tiles.displacement[axis] - window.displacement[axis]);
-    let distance = quadratic(inverse(window.solution.covariance)?, apart);
-    (distance > CONTRADICTION).then_some(apart)
+    let across = largest_direction(window.solution.information_matrix);
+    let [low, high] = window.solution.information;
+    if low > EDGE_INFORMATION * high {
+        let distance = quadratic(inverse(window.solution.covariance)?, apart);
+        return (distance > CONTRADICTION).then_some(apart);
+    }
+    // Of an edge only what lies across it can be compared.
+    let length = apart[0] * across[0] + apart[1] * across[1];
+    let variance = window.solution.variance_along(across);
+    (length * length > CONTRADICTION * variance).then(|| across.map(|value| value * length))
 }
 
 impl Problem<'_> {

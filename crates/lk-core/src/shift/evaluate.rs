@@ -8,9 +8,11 @@
 use std::cell::RefCell;
 
 use super::coordinates::{Pair, WindowAxis};
+use super::edges::Lines;
 use super::filters::{RADIUS, Taps, noise_gain, taps};
 use super::gain::KnownGain;
 use super::gram::Light;
+use super::matrix::Matrix;
 use super::solve::{LightScope, Model, Solution, Solver};
 use super::sums::{StripeSums, Tile, Tiling};
 use crate::error::Result;
@@ -49,6 +51,8 @@ pub(super) struct Evaluation {
     pub(super) gain: GainField,
     /// Pixels along a side of a tile.
     pub(super) tile: usize,
+    /// Whether pixels count whose gradients reach over the border of the region, which is repeated there.
+    pub(super) borders: bool,
     /// Over what part of the window one model of the light holds.
     pub(super) scope: LightScope,
     /// Whether what either frame shows is known to be in both.
@@ -91,20 +95,66 @@ pub(super) fn evaluate(
     let Some(view) = View::new(pair, params) else {
         return Ok(None);
     };
+    let masked = pair.prev_weight.is_some() || pair.next_weight.is_some();
+    let weighted = masked || !params.borders;
+    sum_tiles(
+        &view,
+        params,
+        [params.tile; 2],
+        weighted,
+        workspace,
+        execution,
+    )?;
+    let Workspace {
+        tiles,
+        tiling,
+        weighted,
+        solver,
+        ..
+    } = workspace;
+    solver.solve(tiles, tiling, *weighted, view.model(params))
+}
+
+/// What lines of pixels along one axis say against each other at a displacement; see [`Lines::scatter`].
+pub(super) fn lines_scatter(
+    pair: Pair<'_>,
+    params: Evaluation,
+    axis: usize,
+    lines: Lines,
+    workspace: &mut Workspace,
+    execution: &Execution,
+) -> Result<Option<Matrix>> {
+    let Some(view) = View::new(pair, params) else {
+        return Ok(None);
+    };
+    // A lane of a tile that is as wide as the lanes is a column.
+    let sides = [[EIGHT, params.tile], [params.tile, 1]][axis];
+    sum_tiles(&view, params, sides, true, workspace, execution)?;
+    let Workspace { tiles, tiling, .. } = workspace;
+    lines.scatter(tiles, tiling, axis, view.model(params))
+}
+
+/// The sums over tiles of these sides.
+fn sum_tiles(
+    view: &View<'_>,
+    params: Evaluation,
+    sides: [usize; 2],
+    weighted: bool,
+    workspace: &mut Workspace,
+    execution: &Execution,
+) -> Result<()> {
     let Workspace {
         weight,
         tiles,
         tiling,
         weighted: keeps_weight,
-        solver,
-        affine: _,
+        ..
     } = workspace;
-    let weighted = pair.prev_weight.is_some() || pair.next_weight.is_some();
     *keeps_weight = weighted;
     if weighted {
-        view.weigh(weight)?;
+        view.weigh(weight, params.borders)?;
     }
-    tiling.cut(view.size, params.tile)?;
+    tiling.cut(view.size, sides)?;
     tiles.clear();
     let count = tiling.across() * tiling.down();
     resize("tiles", tiles, count, Tile::ZERO)?;
@@ -114,7 +164,7 @@ pub(super) fn evaluate(
     for_each_band(
         execution,
         tiling.down(),
-        (8192 / (view.size[0] * params.tile)).max(1),
+        (8192 / (view.size[0] * sides[1])).max(1),
         RowsMut::new(tiles, tiling.across()),
         |band, mut part| {
             STRIPE.with_borrow_mut(|buffers| {
@@ -122,7 +172,7 @@ pub(super) fn evaluate(
                     dispatch_eight(
                         level,
                         EvaluateStripe {
-                            view: &view,
+                            view,
                             tiling,
                             stripe,
                             weight,
@@ -135,8 +185,12 @@ pub(super) fn evaluate(
                 Ok(())
             })
         },
-    )?;
-    solver.solve(tiles, tiling, weighted, view.model(params))
+    )
+}
+
+/// What the tiles of the last evaluation show of edges along the axes; see [`Solver::aligned_share`].
+pub(super) fn aligned_share(workspace: &Workspace) -> f64 {
+    workspace.solver.aligned_share()
 }
 
 /// Whether one model of the light holds for all of the window, as the last evaluation saw it.
@@ -235,14 +289,18 @@ impl<'a> View<'a> {
     }
 
     /// Where both frames may be used.
-    fn weigh(&self, weight: &mut Plane) -> Result<()> {
+    fn weigh(&self, weight: &mut Plane, borders: bool) -> Result<()> {
         let [width, height] = self.size;
         weight.resize(width.next_multiple_of(EIGHT), height)?;
         let planes = [self.pair.prev_weight, self.pair.next_weight];
         for y in 0..height {
             let row = weight.row_mut(y);
-            row[..width].fill(1.0);
-            row[width..].fill(0.0);
+            row.fill(0.0);
+            let margin = if borders { 0 } else { RADIUS };
+            if y < margin || y + margin >= height || width < 2 * margin {
+                continue;
+            }
+            row[margin..width - margin].fill(1.0);
             for (plane, start) in planes.into_iter().zip(self.starts) {
                 if let Some(plane) = plane {
                     let other = &plane.row(start[1] + y)[start[0]..start[0] + width];

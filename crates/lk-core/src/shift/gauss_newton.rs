@@ -83,6 +83,13 @@ impl Found {
         std::array::from_fn(|i| std::array::from_fn(|j| noise[i][j] + self.systematic[i][j]))
     }
 
+    /// Add to the covariance what noise does not explain.
+    pub(super) fn add(&mut self, covariance: Matrix) {
+        for (to, from) in (self.systematic.iter_mut().flatten()).zip(covariance.iter().flatten()) {
+            *to += from;
+        }
+    }
+
     /// Begin where this ended, with another model of the light.
     pub(super) fn guess(&self, scope: LightScope) -> Guess {
         Guess {
@@ -141,6 +148,7 @@ impl Problem<'_> {
             illumination: self.options.illumination,
             gain: GainField::default(),
             tile: self.inputs.tile,
+            borders: true,
             rounding: self.inputs.normalization.rounding,
             scope: LightScope::Window,
             common_structure: false,
@@ -186,6 +194,7 @@ impl Problem<'_> {
                 } else {
                     COARSE_TILE
                 },
+                borders: true,
                 rounding: self.inputs.normalization.rounding / f64::from(1u32 << (2 * level)),
                 scope: if scope == LightScope::Tiles && index >= FREE_MERGES {
                     LightScope::HeldTiles
@@ -208,7 +217,8 @@ impl Problem<'_> {
             before = (length < 0.2).then_some(exact);
             let settled = if finest {
                 let [xx, yy] = [0, 1].map(|axis| solution.covariance[axis][axis]);
-                let deviation = xx.min(yy).max(0.0).sqrt().min(MAX_DEVIATION);
+                let variance = direction.map_or(xx.min(yy), |along| solution.variance_along(along));
+                let deviation = variance.max(0.0).sqrt().min(MAX_DEVIATION);
                 SETTLED.max(SETTLED_SHARE * deviation)
             } else {
                 COARSE_SETTLED
@@ -232,8 +242,11 @@ impl Problem<'_> {
             });
             let told = window && finest && !one_light && length < LIGHT_TOLD;
             // The light of a window may vary linearly over it, and be one light all the same.
+            // Along one direction motion and a gain that varies explain each other: what is known of the light stands.
+            let free = direction.is_none();
             if window
                 && finest
+                && free
                 && !one_light
                 && length < RAMP_TOLD
                 && ramps < RAMP_FITS
@@ -247,7 +260,8 @@ impl Problem<'_> {
             if steady || (told && !to_the_end) {
                 break;
             }
-            let fit = length < 0.2 && fits < GAIN_FITS && (fits == 0 || length > GAIN_SETTLED);
+            let fit =
+                free && length < 0.2 && fits < GAIN_FITS && (fits == 0 || length > GAIN_SETTLED);
             if fit && (one_light || !window) {
                 fits += 1;
                 gain = gain_field(pair, params, self.workspace)?;

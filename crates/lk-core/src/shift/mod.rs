@@ -9,6 +9,7 @@ mod aperture;
 mod coordinates;
 mod correlation;
 mod curvature;
+mod edges;
 mod estimate;
 mod evaluate;
 mod filters;

@@ -7,7 +7,7 @@ use std::ops::Range;
 use super::filters::NoiseGain;
 use super::gain::{KnownGain, MAX_GAIN, Sample, gain_field, gain_ramp, ramp_features};
 use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light, weight_of};
-use super::matrix::{Matrix, eigenvalues, inverse, quadratic};
+use super::matrix::{Matrix, eigenvalues, inverse, largest_direction, quadratic};
 use super::robust_covariance::{Pull, covariance_inflation};
 use super::sums::{Tile, Tiling};
 use crate::error::Result;
@@ -55,13 +55,7 @@ pub(super) struct Solution {
 impl Solution {
     /// The correction of the displacement if it may move along one direction only.
     pub(super) fn step_along(&self, direction: [f64; 2]) -> [f64; 2] {
-        let (a, b) = self.normal;
-        let information = quadratic(a, direction);
-        if information <= 0.0 {
-            return [0.0; 2];
-        }
-        let length = -(b[0] * direction[0] + b[1] * direction[1]) / information;
-        direction.map(|value| value * length)
+        step_along(self.normal, direction)
     }
 
     /// The variance of the displacement along one direction, if it cannot move along others.
@@ -95,6 +89,16 @@ impl Solution {
     pub(super) fn is_noise(&self) -> bool {
         self.whiteness > 0.8
     }
+}
+
+/// The step that solves the normal equations along one direction.
+fn step_along((a, b): (Matrix, [f64; 2]), direction: [f64; 2]) -> [f64; 2] {
+    let information = quadratic(a, direction);
+    if information <= 0.0 {
+        return [0.0; 2];
+    }
+    let length = -(b[0] * direction[0] + b[1] * direction[1]) / information;
+    direction.map(|value| value * length)
 }
 
 /// Over what part of the window one model of the light holds.
@@ -329,7 +333,8 @@ impl Solver {
                 -(a[0][0] * b[1] - a[1][0] * b[0]) / determinant,
             ]
         } else {
-            [0.0; 2]
+            // One direction only: the shortest step.
+            step_along((a, b), largest_direction(a))
         };
         // Noise adds to the sums of squared gradients, and not to what they tell.
         let clean = [
@@ -378,6 +383,18 @@ impl Solver {
                 1.0
             },
         }))
+    }
+
+    /// How much of what the gradients tell is of tiles that show edges along the rows or along the columns: 1 where no
+    /// tile shows anything else, about a quarter in textures.
+    pub(super) fn aligned_share(&self) -> f64 {
+        let (mut aligned, mut all) = (0.0, 0.0);
+        for (gram, _) in &self.grams {
+            let [x, y] = [gram.of(F_GX, F_GX), gram.of(F_GY, F_GY)];
+            aligned += (x - y).abs();
+            all += x + y;
+        }
+        aligned / f64::max(all, 1e-12)
     }
 
     /// The whole window as one block: the sums over it, about its middle.

@@ -43,17 +43,18 @@ pub(super) struct Tiling {
 }
 
 impl Tiling {
-    /// Cut a region of `region` columns and rows into tiles of about `size` pixels along a side; the last ones of each
+    /// Cut a region of `region` columns and rows into tiles of about `sides` pixels across and down; the last ones of each
     /// row and column may be up to half smaller or larger.
-    pub(super) fn cut(&mut self, region: [usize; 2], size: usize) -> Result<()> {
-        for (cuts, length) in [&mut self.columns, &mut self.rows].into_iter().zip(region) {
+    pub(super) fn cut(&mut self, region: [usize; 2], sides: [usize; 2]) -> Result<()> {
+        let axes = [&mut self.columns, &mut self.rows].into_iter();
+        for ((cuts, length), size) in axes.zip(region).zip(sides) {
             let count = ((length + size / 2) / size).max(1);
             cuts.clear();
             reserve("tiles", cuts, count + 1)?;
             cuts.extend((0..count).map(|index| index * size));
             cuts.push(length);
         }
-        self.size = size as f32;
+        self.size = sides[0].max(sides[1]) as f32;
         Ok(())
     }
 
@@ -135,6 +136,17 @@ impl Tile {
     /// The sums in f64, and that of the squared Laplacian.
     pub(super) fn gram(&self, index: usize, tiling: &Tiling, weighted: bool) -> (Gram, f64) {
         let total = |sum: usize| self.sums[sum].sum();
+        let gram = Self::gram_of(total, (!weighted).then(|| tiling.place(index)));
+        (gram, total(LAPLACIAN))
+    }
+
+    /// The sums over every eighth column of a tile that was weighted: over column `lane`, where it has eight.
+    pub(super) fn column_gram(&self, lane: usize) -> Gram {
+        Self::gram_of(|sum| f64::from(self.sums[sum].0[lane]), None)
+    }
+
+    #[inline(always)]
+    fn gram_of(total: impl Fn(usize) -> f64, place: Option<[f64; 6]>) -> Gram {
         const PIXEL: [usize; 4] = [F_GX, F_GY, F_MEAN, F_DIFFERENCE];
         let mut gram = Gram::default();
         let g = &mut gram.0;
@@ -148,11 +160,7 @@ impl Tile {
             g[F_X][PIXEL[i]] = total(TIMES_X + i);
             g[F_Y][PIXEL[i]] = total(TIMES_Y + i);
         }
-        let place = if weighted {
-            std::array::from_fn(|k| total(WEIGHT + k))
-        } else {
-            tiling.place(index)
-        };
+        let place = place.unwrap_or_else(|| std::array::from_fn(|k| total(WEIGHT + k)));
         [
             g[F_ONE][F_ONE],
             g[F_ONE][F_X],
@@ -161,7 +169,7 @@ impl Tile {
             g[F_X][F_Y],
             g[F_Y][F_Y],
         ] = place;
-        (gram, total(LAPLACIAN))
+        gram
     }
 }
 
