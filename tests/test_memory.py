@@ -22,6 +22,9 @@ large = np.random.default_rng(0).integers(0, 255, (4000, 5000), dtype=np.uint8)
 moved = np.roll(large, 3, 1)
 small = [frame[:120, :160].copy() for frame in (large, moved)]
 flow, tracker = rsflow.DenseFlow(preset="fast"), rsflow.PointTracker(max_corners=0)
+# The threads are there before memory lacks: the C library ends a process where a new one finds none for its variables.
+rsflow.dense_flow(large[:600, :800], moved[:600, :800], preset="fast")
+rsflow.estimate_shift(large[:600, :800], moved[:600, :800])
 
 def streamed(stream, prev, next):
     stream.reset()
