@@ -3,7 +3,8 @@
 //! Coarse to fine ([`coarse_to_fine`]). On each level a few Lucas-Kanade steps over all pixels ([`step`]), after each of
 //! which a pixel may take the flow of a neighbour whose window fits better ([`propagate`]) and a median removes what stands
 //! out ([`median`]); then a variational refinement, at one pixel in 2 x 2 ([`half_round`]) or at all ([`refine`]), that is
-//! smooth relative to the affine motion of most of the flow ([`trend`]). The mean of each window is taken out, so that an
+//! smooth relative to the affine motion of most of the flow ([`trend`]). On coarse levels windows that say little
+//! ([`sureness`]) take the flow of what is around them ([`fill`]). The mean of each window is taken out, so that an
 //! offset of the light does no harm; where light has changed by more than that, `prev` is first brought to the light of
 //! `next` ([`light`], [`photometric_align`]). Motion that the coarsest level cannot see is looked for where windows are left
 //! without a match ([`large_motion`]). Whether either may be called for is asked beside the coarsest levels ([`looks`]). The

@@ -16,10 +16,11 @@ const LIGHT_RADII: [(usize, usize); 4] = [(3, 8), (2, 8), (5, 12), (3, 6)];
 const SUSPICIOUS: f64 = 0.05;
 /// Light is taken to have changed where that leaves less than this share of the misfit.
 const CHANGED: f64 = 0.9;
-/// Light that leaves more than this share of the misfit may be the motion of thin things.
-/// Light is kept if it leaves less than this share of the misfit there.
-const EXPLAINS: f64 = 0.8;
+/// Light that leaves more than this share of the misfit may be the motion of thin things: it is held against steady light
+/// on the next finer level.
 const DOUBTFUL: f64 = 0.3;
+/// There it is kept if it leaves less than this share of the misfit of steady light.
+const EXPLAINS: f64 = 0.8;
 /// Below this share of the frame pixels at its limits are the extremes of any frame, not those of a sensor.
 const FEW_CLIPPED: f32 = 0.001;
 /// No other guess is tried where the first ones leave more than this share of it.
