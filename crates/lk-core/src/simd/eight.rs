@@ -69,6 +69,12 @@ pub(crate) trait Eight:
     /// Keep the bits of `mask`: all of a lane or none, whatever it holds.
     fn keep(self, mask: Self) -> Self;
 
+    /// All bits set in the lanes that are not less than those of `other`, none where either is NaN: a mask.
+    fn mask_from(self, other: Self) -> Self;
+
+    /// The lanes of `set` where all bits of this mask are set, of `clear` where none is.
+    fn choose(self, set: Self, clear: Self) -> Self;
+
     /// The square roots.
     fn sqrt(self) -> Self;
 
@@ -247,6 +253,22 @@ impl Eight for Plain {
     }
 
     #[inline(always)]
+    fn mask_from(self, other: Self) -> Self {
+        self.zip(other, |a, b| {
+            f32::from_bits(if a >= b { u32::MAX } else { 0 })
+        })
+    }
+
+    #[inline(always)]
+    fn choose(mut self, set: Self, clear: Self) -> Self {
+        for (lane, (set, clear)) in self.0.iter_mut().zip(set.0.into_iter().zip(clear.0)) {
+            let mask = lane.to_bits();
+            *lane = f32::from_bits(set.to_bits() & mask | clear.to_bits() & !mask);
+        }
+        self
+    }
+
+    #[inline(always)]
     fn sqrt(mut self) -> Self {
         for lane in &mut self.0 {
             *lane = lane.sqrt();
@@ -274,13 +296,13 @@ pub(crate) mod x86 {
     //! SSE2, which every x86-64 CPU has, and AVX.
 
     use std::arch::x86_64::{
-        __m128, __m256, _CMP_GE_OQ, _mm_add_ps, _mm_add_ss, _mm_and_ps, _mm_cmpge_ps,
-        _mm_cvtss_f32, _mm_load_ps, _mm_loadu_ps, _mm_max_ps, _mm_movehl_ps, _mm_movemask_ps,
-        _mm_mul_ps, _mm_set1_ps, _mm_shuffle_ps, _mm_sqrt_ps, _mm_store_ps, _mm_storeu_ps,
-        _mm_sub_ps, _mm256_add_ps, _mm256_and_ps, _mm256_castps256_ps128, _mm256_cmp_ps,
-        _mm256_extractf128_ps, _mm256_load_ps, _mm256_loadu_ps, _mm256_max_ps, _mm256_movemask_ps,
-        _mm256_mul_ps, _mm256_set1_ps, _mm256_sqrt_ps, _mm256_store_ps, _mm256_storeu_ps,
-        _mm256_sub_ps,
+        __m128, __m256, _CMP_GE_OQ, _mm_add_ps, _mm_add_ss, _mm_and_ps, _mm_andnot_ps,
+        _mm_cmpge_ps, _mm_cvtss_f32, _mm_load_ps, _mm_loadu_ps, _mm_max_ps, _mm_movehl_ps,
+        _mm_movemask_ps, _mm_mul_ps, _mm_or_ps, _mm_set1_ps, _mm_shuffle_ps, _mm_sqrt_ps,
+        _mm_store_ps, _mm_storeu_ps, _mm_sub_ps, _mm256_add_ps, _mm256_and_ps, _mm256_blendv_ps,
+        _mm256_castps256_ps128, _mm256_cmp_ps, _mm256_extractf128_ps, _mm256_load_ps,
+        _mm256_loadu_ps, _mm256_max_ps, _mm256_movemask_ps, _mm256_mul_ps, _mm256_set1_ps,
+        _mm256_sqrt_ps, _mm256_store_ps, _mm256_storeu_ps, _mm256_sub_ps,
     };
 
     use super::{Add, AddAssign, EIGHT, Eight, Mul, Packed, Sub};
@@ -376,6 +398,23 @@ pub(crate) mod x86 {
         fn keep(self, mask: Self) -> Self {
             // SAFETY: every x86-64 CPU has SSE.
             unsafe { Self(_mm_and_ps(self.0, mask.0), _mm_and_ps(self.1, mask.1)) }
+        }
+
+        #[inline(always)]
+        fn mask_from(self, other: Self) -> Self {
+            // SAFETY: every x86-64 CPU has SSE.
+            unsafe { Self(_mm_cmpge_ps(self.0, other.0), _mm_cmpge_ps(self.1, other.1)) }
+        }
+
+        #[inline(always)]
+        fn choose(self, set: Self, clear: Self) -> Self {
+            // SAFETY: every x86-64 CPU has SSE.
+            unsafe {
+                Self(
+                    _mm_or_ps(_mm_and_ps(self.0, set.0), _mm_andnot_ps(self.0, clear.0)),
+                    _mm_or_ps(_mm_and_ps(self.1, set.1), _mm_andnot_ps(self.1, clear.1)),
+                )
+            }
         }
 
         #[inline(always)]
@@ -480,6 +519,18 @@ pub(crate) mod x86 {
         }
 
         #[inline(always)]
+        fn mask_from(self, other: Self) -> Self {
+            // SAFETY: this CPU has AVX, see the type.
+            Self(unsafe { _mm256_cmp_ps::<_CMP_GE_OQ>(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        fn choose(self, set: Self, clear: Self) -> Self {
+            // SAFETY: this CPU has AVX, see the type.
+            Self(unsafe { _mm256_blendv_ps(clear.0, set.0, self.0) })
+        }
+
+        #[inline(always)]
         fn sqrt(self) -> Self {
             // SAFETY: this CPU has AVX, see the type.
             Self(unsafe { _mm256_sqrt_ps(self.0) })
@@ -530,6 +581,7 @@ mod tests {
             let kept = c.keep(L::first(6));
             let root = (kept * kept).sqrt();
             let mut out = [0.0; EIGHT];
+            let root = a.mask_from(b).choose(root, kept);
             root.store(&mut out, 0);
             (
                 out,

@@ -64,45 +64,83 @@ fn piles_up<T: Pixel>(
         mask.iter().filter(|keep| **keep).count()
     });
     let least = (PILE_SHARE * among as f64).max(LEAST_PILE as f64);
-    let mut found = Pile::default();
+    let mut pixels = 0;
     for (y, row) in frame.rows().into_iter().enumerate() {
-        let part = match row.as_slice() {
+        pixels += match row.as_slice() {
             Some(row) if mask.is_none() => dispatch(Level::detected(), Count { row, end }),
             _ => row
                 .iter()
                 .enumerate()
                 .map(|(x, value)| u32::from(value.to_f32() == end && keep(y, x)))
                 .sum(),
-        };
-        found.pixels += part as usize;
+        } as usize;
     }
-    if (found.pixels as f64) < least {
+    if (pixels as f64) < least {
         return false;
     }
+    let (mut steps, mut gentle) = (0, 0);
     for (y, row) in frame.rows().into_iter().enumerate() {
-        let mut last = f32::NAN;
-        for (x, value) in row.iter().enumerate() {
-            if !keep(y, x) {
-                last = f32::NAN;
-                continue;
+        let found = match row.as_slice() {
+            Some(row) if mask.is_none() => {
+                dispatch(Level::detected(), CountSteps { row, end, soft })
             }
-            let value = value.to_f32();
-            let step = (value - last).abs();
-            let is_step = step > 0.0 && (value == end || last == end);
-            found.steps += u32::from(is_step);
-            found.gentle += u32::from(is_step && step <= soft);
-            last = value;
-        }
+            _ => steps_among(
+                row.iter()
+                    .enumerate()
+                    .map(|(x, value)| if keep(y, x) { value.to_f32() } else { f32::NAN }),
+                end,
+                soft,
+            ),
+        };
+        steps += found.0;
+        gentle += found.1;
     }
-    found.gentle > 0 && f64::from(found.gentle) >= SOFT_SHARE * f64::from(found.steps)
+    gentle > 0 && f64::from(gentle) >= SOFT_SHARE * f64::from(steps)
 }
 
-/// Pixels at an end of the range, steps from them to others in the row, and those that are gentle.
-#[derive(Debug, Default)]
-struct Pile {
-    pixels: usize,
-    steps: u32,
-    gentle: u32,
+/// Whether the step between neighbours is one from or to `end`, and whether it is such a one and gentle. A value that is
+/// NaN is none.
+#[inline(always)]
+fn is_step(last: f32, value: f32, end: f32, soft: f32) -> (u32, u32) {
+    let step = (value - last).abs();
+    let counts = u32::from(step > 0.0) & (u32::from(value == end) | u32::from(last == end));
+    (counts, counts & u32::from(step <= soft))
+}
+
+/// Steps from `end` to others among the values of a row, and those that are gentle.
+fn steps_among(values: impl Iterator<Item = f32>, end: f32, soft: f32) -> (u32, u32) {
+    let (mut steps, mut gentle) = (0, 0);
+    let mut last = f32::NAN;
+    for value in values {
+        let found = is_step(last, value, end, soft);
+        steps += found.0;
+        gentle += found.1;
+        last = value;
+    }
+    (steps, gentle)
+}
+
+/// [`steps_among`] the values of a row that all count.
+struct CountSteps<'a, T> {
+    row: &'a [T],
+    end: f32,
+    soft: f32,
+}
+
+impl<T: Pixel> Kernel for CountSteps<'_, T> {
+    type Output = (u32, u32);
+
+    #[inline(always)]
+    fn run(self) -> (u32, u32) {
+        let Self { row, end, soft } = self;
+        let (mut steps, mut gentle) = (0, 0);
+        for (last, value) in row.iter().zip(row.get(1..).unwrap_or_default()) {
+            let found = is_step(last.to_f32(), value.to_f32(), end, soft);
+            steps += found.0;
+            gentle += found.1;
+        }
+        (steps, gentle)
+    }
 }
 
 /// How many pixels of a row have this grey level.

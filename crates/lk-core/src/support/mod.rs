@@ -286,6 +286,11 @@ impl Support {
         self.absent
     }
 
+    /// First and last but one column, and row, that are made of pixels of the frame alone.
+    pub(crate) fn inner(&self) -> [(usize, usize); 2] {
+        self.inner
+    }
+
     /// Row `y`: what each pixel is; empty where all count.
     pub(crate) fn row(&self, y: usize) -> &[u8] {
         if self.bytes.is_empty() {

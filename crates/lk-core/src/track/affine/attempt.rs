@@ -156,7 +156,8 @@ impl Problem<'_> {
             spacing: output.warp.scale(),
         };
         let own = output.variance / (1.0 + output.gain * output.gain);
-        let scale = output.variance * noise_gain(&output.gradients, window, &samples, own);
+        let gradients = aligner.gradients(self.level);
+        let scale = output.variance * noise_gain(&gradients, window, &samples, own);
         let fit = Fit {
             displacement,
             variance: output.variance,

@@ -3,10 +3,14 @@
 mod align;
 mod attempt;
 mod candidates;
+mod factor;
 mod fit;
+mod meeting;
 mod propagate;
 mod sample;
 mod search;
+mod sums;
+mod template;
 mod warp;
 
 pub(super) use propagate::Deformed;

@@ -43,13 +43,15 @@ pub(in crate::track) enum Filter {
     Spline,
 }
 
-/// Sample a plane at `positions`, row by row. `to` has seven more elements than there are positions.
+/// Sample a plane at `positions`, row by row. Whole lanes are written: `to` has seven more elements than that.
 pub(in crate::track) struct SampleWarped<'a> {
     pub(in crate::track) plane: &'a Plane,
     pub(in crate::track) positions: Positions,
     pub(in crate::track) filter: Filter,
     pub(in crate::track) copied: &'a mut Copied,
     pub(in crate::track) to: &'a mut [f32],
+    /// From row to row of `to`.
+    pub(in crate::track) stride: usize,
 }
 
 /// Rows of pixels, the first of which has the coordinates `origin`.
@@ -72,13 +74,14 @@ impl EightKernel for SampleWarped<'_> {
             filter,
             copied,
             to,
+            stride,
         } = self;
         let Some(source) = source(plane, &positions, copied) else {
             return false;
         };
         match filter {
-            Filter::Linear => sample::<L, false>(source, &positions, to),
-            Filter::Spline => sample::<L, true>(source, &positions, to),
+            Filter::Linear => sample::<L, false>(source, &positions, to, stride),
+            Filter::Spline => sample::<L, true>(source, &positions, to, stride),
         }
         true
     }
@@ -117,11 +120,25 @@ fn source<'a>(
     if columns + REACH > COPIED || rows >= COPIED {
         return None;
     }
+    // Columns that the plane has, from the first to the last but one; the others are mirrored.
+    let first = (-x.0).clamp(0, columns as isize) as usize;
+    let end = (width - x.0).clamp(first as isize, columns as isize) as usize;
+    let mut mirrored = [0usize; COPIED];
+    for column in (0..first).chain(end..columns) {
+        mirrored[column] = mirror(x.0 + column as isize, plane.width());
+    }
+    let own = if first < end {
+        let start = (x.0 + first as isize) as usize;
+        start..start + end - first
+    } else {
+        0..0
+    };
     for row in 0..rows {
         let from = plane.row(mirror(y.0 + row as isize, plane.height()));
         let to = &mut copied.0[row * COPIED..][..columns];
-        for (column, to) in to.iter_mut().enumerate() {
-            *to = from[mirror(x.0 + column as isize, plane.width())];
+        to[first..end].copy_from_slice(&from[own.clone()]);
+        for column in (0..first).chain(end..columns) {
+            to[column] = from[mirrored[column]];
         }
     }
     Some(Source {
@@ -132,7 +149,12 @@ fn source<'a>(
 }
 
 #[inline(always)]
-fn sample<L: Eight, const SPLINE: bool>(source: Source<'_>, positions: &Positions, to: &mut [f32]) {
+fn sample<L: Eight, const SPLINE: bool>(
+    source: Source<'_>,
+    positions: &Positions,
+    to: &mut [f32],
+    stride: usize,
+) {
     // Positions are counted from a whole pixel near the first: single precision is then fine enough.
     let base = positions.first.map(f64::floor);
     let first = [0, 1].map(|axis: usize| (positions.first[axis] - base[axis]) as f32);
@@ -150,14 +172,17 @@ fn sample<L: Eight, const SPLINE: bool>(source: Source<'_>, positions: &Position
         for column in (0..positions.columns).step_by(EIGHT) {
             // Lanes beyond the row's end read what there is, for nobody.
             let lanes_used = EIGHT.min(positions.columns - column);
-            let (mut low, mut more) = ([0isize; 2], 0usize);
+            let mut low = [0isize; 2];
+            let mut more = [0u8; 2];
             let mut within = [L::zero(); 2];
             for axis in 0..2 {
                 let at = start[axis] + column as f32 * across[axis];
                 let last = at + (lanes_used - 1) as f32 * drift[axis];
                 let (least, largest) = (at.min(last).floor(), at.max(last).floor());
                 low[axis] = base[axis] + least as isize;
-                more = more.max((largest - least) as usize);
+                let apart = largest - least;
+                more[axis] =
+                    u8::from(apart >= 1.0) + u8::from(apart >= 2.0) + u8::from(apart >= 3.0);
                 within[axis] = L::splat(at - least) + lanes * L::splat(drift[axis]);
             }
             let taps = Taps {
@@ -166,16 +191,20 @@ fn sample<L: Eight, const SPLINE: bool>(source: Source<'_>, positions: &Position
                 within,
             };
             let value = match (SPLINE, more) {
-                (true, 0) => taps.spline(),
-                (true, 1) => taps.apply::<5, true>(),
-                (true, 2) => taps.apply::<6, true>(),
-                (true, _) => taps.apply::<MOST_TAPS, true>(),
-                (false, 0) => taps.apply::<2, false>(),
-                (false, 1) => taps.apply::<3, false>(),
-                (false, 2) => taps.apply::<4, false>(),
-                (false, _) => taps.apply::<MOST_TAPS, false>(),
+                (true, [0, 0]) => taps.spline::<4, 4>(),
+                (true, [1, 0]) => taps.spline::<5, 4>(),
+                (true, [0, 1]) => taps.spline::<4, 5>(),
+                (true, [1, 1]) => taps.spline::<5, 5>(),
+                (true, [0..=2, 0..=2]) => taps.apply::<6, 6, true>(),
+                (true, _) => taps.apply::<MOST_TAPS, MOST_TAPS, true>(),
+                (false, [0, 0]) => taps.apply::<2, 2, false>(),
+                (false, [1, 0]) => taps.apply::<3, 2, false>(),
+                (false, [0, 1]) => taps.apply::<2, 3, false>(),
+                (false, [1, 1]) => taps.apply::<3, 3, false>(),
+                (false, [0..=2, 0..=2]) => taps.apply::<4, 4, false>(),
+                (false, _) => taps.apply::<MOST_TAPS, MOST_TAPS, false>(),
             };
-            value.store(to, row * positions.columns + column);
+            value.store(to, row * stride + column);
         }
     }
 }
@@ -194,8 +223,9 @@ impl<L: Eight> Taps<'_, L> {
     #[inline(always)]
     fn row(&self, before: isize, tap: usize) -> &[f32; REACH] {
         let Source { data, stride, .. } = self.source;
-        let [x, y] = self.low.map(|low| (low - before) as usize);
-        let at = (y + tap) * stride + x;
+        let x = (self.low[0] - before) as usize;
+        let y = (self.low[1] - before) as usize + tap;
+        let at = y * stride + x;
         match data.get(at..).and_then(|rest| rest.first_chunk()) {
             Some(row) => row,
             // Only where no tap has weight, see `source`.
@@ -203,40 +233,74 @@ impl<L: Eight> Taps<'_, L> {
         }
     }
 
-    /// All in the same pixel of their lane.
+    /// All in the first two pixels of their lane, or in the first one where there are four taps alone.
     #[inline(always)]
-    fn spline(&self) -> L {
-        let x = cubic(self.within[0]);
-        let y = cubic(self.within[1]);
-        let mut sum = L::zero();
-        for (tap, weight) in y.into_iter().enumerate() {
-            let row = self.row(1, tap);
-            let along = (L::load(row, 1) * x[1] + L::load(row, 2) * x[2])
-                + (L::load(row, 0) * x[0] + L::load(row, 3) * x[3]);
-            sum += along * weight;
-        }
-        sum
+    fn spline<const X: usize, const Y: usize>(&self) -> L {
+        let x = shifted::<L, X>(self.within[0]);
+        let y = shifted::<L, Y>(self.within[1]);
+        self.sum(1, &x, &y)
     }
 
-    /// `N` columns and rows of taps.
+    /// So many columns and rows of taps.
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "iterators over lanes may stay calls without the level's instructions"
+    )]
     #[inline(always)]
-    fn apply<const N: usize, const SPLINE: bool>(&self) -> L {
+    fn apply<const X: usize, const Y: usize, const SPLINE: bool>(&self) -> L {
         let before = isize::from(SPLINE);
-        let mut x = [L::zero(); N];
-        for (tap, weight) in x.iter_mut().enumerate() {
-            *weight = weight_of::<L, SPLINE>(self.within[0], tap as isize - before);
+        let (mut x, mut y) = ([L::zero(); X], [L::zero(); Y]);
+        for tap in 0..X {
+            x[tap] = weight_of::<L, SPLINE>(self.within[0], tap as isize - before);
         }
+        for tap in 0..Y {
+            y[tap] = weight_of::<L, SPLINE>(self.within[1], tap as isize - before);
+        }
+        self.sum(before, &x, &y)
+    }
+
+    /// Pixels from the one `before` the least one on, with these weights.
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "iterators over lanes may stay calls without the level's instructions"
+    )]
+    #[inline(always)]
+    fn sum<const X: usize, const Y: usize>(&self, before: isize, x: &[L; X], y: &[L; Y]) -> L {
         let mut sum = L::zero();
-        for tap in 0..N {
-            let row = self.row(before, tap);
-            let mut along = L::zero();
-            for (tap, weight) in x.iter().enumerate() {
-                along += L::load(row, tap) * *weight;
+        for down in 0..Y {
+            let row = self.row(before, down);
+            let mut along = L::load(row, 0) * x[0];
+            for across in 1..X {
+                along += L::load(row, across) * x[across];
             }
-            sum += along * weight_of::<L, SPLINE>(self.within[1], tap as isize - before);
+            sum += along * y[down];
         }
         sum
     }
+}
+
+/// The weights of the four pixels around positions `t` after the second of them; or of five, for positions that may also
+/// lie one pixel on.
+#[allow(
+    clippy::needless_range_loop,
+    reason = "iterators over lanes may stay calls without the level's instructions"
+)]
+#[inline(always)]
+fn shifted<L: Eight, const N: usize>(t: L) -> [L; N] {
+    let mut weights = [L::zero(); N];
+    let one = L::splat(1.0);
+    let on = t.mask_from(one);
+    let four = cubic(if N == 4 { t } else { t - one.keep(on) });
+    for tap in 0..N {
+        let here = if tap < 4 { four[tap] } else { L::zero() };
+        weights[tap] = if N == 4 {
+            here
+        } else {
+            let before = if tap > 0 { four[tap - 1] } else { L::zero() };
+            on.choose(before, here)
+        };
+    }
+    weights
 }
 
 /// The weight of a pixel at `tap` for positions `at`.
@@ -317,7 +381,7 @@ mod tests {
                     let mut found = vec![0.0; width * height + 7];
                     let mut copied = Box::new(Copied::new());
                     let sampled = dispatch_eight(level, SampleWarped {
-                        plane: &plane, positions, filter, copied: &mut copied, to: &mut found,
+                        plane: &plane, positions, filter, copied: &mut copied, to: &mut found, stride: width,
                     });
                     prop_assert!(sampled);
                     found.truncate(width * height);

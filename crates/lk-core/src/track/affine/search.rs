@@ -173,6 +173,7 @@ impl<'a> Search<'a> {
                             filter: Filter::Spline,
                             copied: &mut *copied,
                             to: &mut sampled,
+                            stride: SIDE,
                         },
                     );
                     let mut patch = [0.0f32; AREA];

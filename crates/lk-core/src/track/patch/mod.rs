@@ -48,7 +48,7 @@ impl Window {
     }
 
     #[inline(always)]
-    pub(super) fn blocks(self) -> usize {
+    pub(crate) fn blocks(self) -> usize {
         self.width.div_ceil(EIGHT)
     }
 
@@ -86,7 +86,7 @@ impl Window {
 
     /// The x coordinates of a block of lanes, from the window's centre.
     #[inline(always)]
-    pub(super) fn block_x<L: Eight>(self, block: usize) -> L {
+    pub(crate) fn block_x<L: Eight>(self, block: usize) -> L {
         L::splat((block * EIGHT) as f32 - self.half()[0]) + L::unpack(&Packed::STEPS)
     }
 }
