@@ -79,9 +79,18 @@ impl EightKernel for SampleWarped<'_> {
         let Some(source) = source(plane, &positions, copied) else {
             return false;
         };
-        match filter {
-            Filter::Linear => sample::<L, false>(source, &positions, to, stride),
-            Filter::Spline => sample::<L, true>(source, &positions, to, stride),
+        // One count of taps for the whole window: what a branch in its midst costs is more than taps without weight.
+        match (filter, positions.apart()) {
+            (Filter::Linear, 0) => sample::<L, 2, false>(source, &positions, to, stride),
+            (Filter::Linear, 1) => sample::<L, 3, false>(source, &positions, to, stride),
+            (Filter::Linear, 2) => sample::<L, 4, false>(source, &positions, to, stride),
+            (Filter::Linear, 3..=4) => sample::<L, 6, false>(source, &positions, to, stride),
+            (Filter::Linear, _) => sample::<L, MOST_TAPS, false>(source, &positions, to, stride),
+            (Filter::Spline, 0) => sample::<L, 4, true>(source, &positions, to, stride),
+            (Filter::Spline, 1) => sample::<L, 5, true>(source, &positions, to, stride),
+            (Filter::Spline, 2) => sample::<L, 6, true>(source, &positions, to, stride),
+            (Filter::Spline, 3..=4) => sample::<L, 8, true>(source, &positions, to, stride),
+            (Filter::Spline, _) => sample::<L, MOST_TAPS, true>(source, &positions, to, stride),
         }
         true
     }
@@ -149,7 +158,7 @@ fn source<'a>(
 }
 
 #[inline(always)]
-fn sample<L: Eight, const SPLINE: bool>(
+fn sample<L: Eight, const TAPS: usize, const SPLINE: bool>(
     source: Source<'_>,
     positions: &Positions,
     to: &mut [f32],
@@ -173,52 +182,34 @@ fn sample<L: Eight, const SPLINE: bool>(
             // Lanes beyond the row's end read what there is, for nobody.
             let lanes_used = EIGHT.min(positions.columns - column);
             let mut low = [0isize; 2];
-            let mut more = [0u8; 2];
             let mut within = [L::zero(); 2];
             for axis in 0..2 {
                 let at = start[axis] + column as f32 * across[axis];
                 let last = at + (lanes_used - 1) as f32 * drift[axis];
-                let (least, largest) = (at.min(last).floor(), at.max(last).floor());
+                let least = at.min(last).floor();
                 low[axis] = base[axis] + least as isize;
-                let apart = largest - least;
-                more[axis] =
-                    u8::from(apart >= 1.0) + u8::from(apart >= 2.0) + u8::from(apart >= 3.0);
+                low[axis] = base[axis] + least as isize;
                 within[axis] = L::splat(at - least) + lanes * L::splat(drift[axis]);
             }
-            let taps = Taps {
-                source,
-                low,
-                within,
-            };
-            let value = match (SPLINE, more) {
-                (true, [0, 0]) => taps.spline::<4, 4>(),
-                (true, [1, 0]) => taps.spline::<5, 4>(),
-                (true, [0, 1]) => taps.spline::<4, 5>(),
-                (true, [1, 1]) => taps.spline::<5, 5>(),
-                (true, [0..=2, 0..=2]) => taps.apply::<6, 6, true>(),
-                (true, _) => taps.apply::<MOST_TAPS, MOST_TAPS, true>(),
-                (false, [0, 0]) => taps.apply::<2, 2, false>(),
-                (false, [1, 0]) => taps.apply::<3, 2, false>(),
-                (false, [0, 1]) => taps.apply::<2, 3, false>(),
-                (false, [1, 1]) => taps.apply::<3, 3, false>(),
-                (false, [0..=2, 0..=2]) => taps.apply::<4, 4, false>(),
-                (false, _) => taps.apply::<MOST_TAPS, MOST_TAPS, false>(),
-            };
+            let taps = Taps { source, low };
+            let value = taps.sum(
+                isize::from(SPLINE),
+                &weights::<L, TAPS, SPLINE>(within[0]),
+                &weights::<L, TAPS, SPLINE>(within[1]),
+            );
             value.store(to, row * stride + column);
         }
     }
 }
 
 /// The taps of eight positions.
-struct Taps<'a, L> {
+struct Taps<'a> {
     source: Source<'a>,
     /// The least pixel that any of them is in, each counted from its own lane.
     low: [isize; 2],
-    /// Where they are from there.
-    within: [L; 2],
 }
 
-impl<L: Eight> Taps<'_, L> {
+impl Taps<'_> {
     /// From the pixel `before` the least one on.
     #[inline(always)]
     fn row(&self, before: isize, tap: usize) -> &[f32; REACH] {
@@ -233,44 +224,18 @@ impl<L: Eight> Taps<'_, L> {
         }
     }
 
-    /// All in the first two pixels of their lane, or in the first one where there are four taps alone.
-    #[inline(always)]
-    fn spline<const X: usize, const Y: usize>(&self) -> L {
-        let x = shifted::<L, X>(self.within[0]);
-        let y = shifted::<L, Y>(self.within[1]);
-        self.sum(1, &x, &y)
-    }
-
-    /// So many columns and rows of taps.
-    #[allow(
-        clippy::needless_range_loop,
-        reason = "iterators over lanes may stay calls without the level's instructions"
-    )]
-    #[inline(always)]
-    fn apply<const X: usize, const Y: usize, const SPLINE: bool>(&self) -> L {
-        let before = isize::from(SPLINE);
-        let (mut x, mut y) = ([L::zero(); X], [L::zero(); Y]);
-        for tap in 0..X {
-            x[tap] = weight_of::<L, SPLINE>(self.within[0], tap as isize - before);
-        }
-        for tap in 0..Y {
-            y[tap] = weight_of::<L, SPLINE>(self.within[1], tap as isize - before);
-        }
-        self.sum(before, &x, &y)
-    }
-
     /// Pixels from the one `before` the least one on, with these weights.
     #[allow(
         clippy::needless_range_loop,
         reason = "iterators over lanes may stay calls without the level's instructions"
     )]
     #[inline(always)]
-    fn sum<const X: usize, const Y: usize>(&self, before: isize, x: &[L; X], y: &[L; Y]) -> L {
+    fn sum<L: Eight, const N: usize>(&self, before: isize, x: &[L; N], y: &[L; N]) -> L {
         let mut sum = L::zero();
-        for down in 0..Y {
+        for down in 0..N {
             let row = self.row(before, down);
             let mut along = L::load(row, 0) * x[0];
-            for across in 1..X {
+            for across in 1..N {
                 along += L::load(row, across) * x[across];
             }
             sum += along * y[down];
@@ -279,26 +244,32 @@ impl<L: Eight> Taps<'_, L> {
     }
 }
 
-/// The weights of the four pixels around positions `t` after the second of them; or of five, for positions that may also
-/// lie one pixel on.
+/// The weights of so many pixels for positions at `t` from the first one, or the second one of a spline.
+#[inline(always)]
 #[allow(
     clippy::needless_range_loop,
     reason = "iterators over lanes may stay calls without the level's instructions"
 )]
-#[inline(always)]
-fn shifted<L: Eight, const N: usize>(t: L) -> [L; N] {
+fn weights<L: Eight, const N: usize, const SPLINE: bool>(t: L) -> [L; N] {
     let mut weights = [L::zero(); N];
-    let one = L::splat(1.0);
-    let on = t.mask_from(one);
-    let four = cubic(if N == 4 { t } else { t - one.keep(on) });
-    for tap in 0..N {
-        let here = if tap < 4 { four[tap] } else { L::zero() };
-        weights[tap] = if N == 4 {
-            here
-        } else {
+    if SPLINE && N <= 5 {
+        let one = L::splat(1.0);
+        // All lie in the same pixel of their lane; or of five taps in the next one.
+        let on = t.mask_from(one);
+        let four = cubic(if N == 4 { t } else { t - one.keep(on) });
+        for tap in 0..N {
+            let here = if tap < 4 { four[tap] } else { L::zero() };
             let before = if tap > 0 { four[tap - 1] } else { L::zero() };
-            on.choose(before, here)
-        };
+            weights[tap] = if N == 4 {
+                here
+            } else {
+                on.choose(before, here)
+            };
+        }
+        return weights;
+    }
+    for tap in 0..N {
+        weights[tap] = weight_of::<L, SPLINE>(t, tap as isize - isize::from(SPLINE));
     }
     weights
 }

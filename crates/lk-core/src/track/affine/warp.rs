@@ -1,5 +1,6 @@
 //! Affine warps of a window, and where its pixels go.
 
+use crate::simd::EIGHT;
 use crate::track::patch::Window;
 
 /// Areas of a window after the warp, as shares of those before, beyond which it is not the same window.
@@ -147,6 +148,18 @@ impl Positions {
         [0, 1].map(|axis: usize| {
             self.first[axis] + column * self.across[axis] + row * self.down[axis]
         })
+    }
+
+    /// How many pixels on any of eight neighbours in a row may be, at most, from where its own column and row lead.
+    pub(in crate::track) fn apart(&self) -> usize {
+        let drift = (self.across[0] - 1.0).abs().max(self.across[1].abs());
+        let apart = drift * (EIGHT - 1) as f64;
+        // A little for what single precision rounds.
+        if apart > 0.0 {
+            (apart + 1e-3).ceil() as usize
+        } else {
+            0
+        }
     }
 
     /// The last column and row.
