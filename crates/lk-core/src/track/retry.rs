@@ -38,6 +38,8 @@ pub(crate) struct Memory {
     /// All that are pending while some of them are tried.
     waiting: Vec<u32>,
     results: Vec<TrackedPoint>,
+    /// Whether the last round has found each point.
+    fresh: Vec<bool>,
     pub(super) grid: Grid,
     pub(super) repetition: Repetition,
     seeds: Seeds,
@@ -61,6 +63,7 @@ impl Memory {
         reserve(POINTS, &mut self.pending, points)?;
         reserve(POINTS, &mut self.waiting, points)?;
         reserve(POINTS, &mut self.results, points)?;
+        reserve(POINTS, &mut self.fresh, points)?;
         self.repetition.reserve(points)?;
         self.grid.reserve(points)?;
         self.deformed.reserve(points)
@@ -127,7 +130,8 @@ impl Memory {
         Ok(new * LEAST_FOUND >= tried)
     }
 
-    /// Try each pending point from where its neighbours and, if wanted, the seeds point; how many were found.
+    /// Try each pending point from where its neighbours and the seeds point, or without seeds those of which a neighbour was
+    /// found last; how many were found.
     fn round(
         &mut self,
         problem: &Problem<'_>,
@@ -139,6 +143,7 @@ impl Memory {
         self.grid
             .fill(problem.size(), points, |index| seen[index].is_valid())?;
         let (pending, seeds, grid) = (&self.pending, &self.seeds, &self.grid);
+        let fresh = &self.fresh;
         self.results.clear();
         let lost = TrackedPoint::lost(PointStatus::HighResidual);
         resize(POINTS, &mut self.results, pending.len(), lost)?;
@@ -153,10 +158,16 @@ impl Memory {
                         let index = pending[entry] as usize;
                         let point = points[index];
                         let mut candidates = Candidates::default();
+                        let mut new = seeded;
                         for (_, near) in grid.nearest::<NEIGHBOURS>(points, point) {
+                            new = new || fresh[near];
                             let (from, to) = (points[near], seen[near].position);
                             candidates
                                 .add([f64::from(to[0] - from[0]), f64::from(to[1] - from[1])]);
+                        }
+                        // What it was tried from before leads nowhere again.
+                        if !new {
+                            continue;
                         }
                         if seeded {
                             seeds.at(point).for_each(|seed| candidates.add(seed));
@@ -167,12 +178,15 @@ impl Memory {
                 });
             },
         )?;
+        self.fresh.clear();
+        resize(POINTS, &mut self.fresh, points.len(), false)?;
         let mut kept = 0;
         for entry in 0..self.pending.len() {
             let index = self.pending[entry];
             let result = self.results[entry];
             if result.is_valid() {
                 tracks[index as usize] = result;
+                self.fresh[index as usize] = true;
             } else {
                 self.pending[kept] = index;
                 kept += 1;

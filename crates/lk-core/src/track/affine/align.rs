@@ -22,11 +22,13 @@ use crate::track::patch::Window;
 /// Share of a window's pixels that must count.
 const LEAST_COUNTING: f64 = 0.125;
 
-/// Share of the window's variance that may be left after so many steps on the way to a warp.
-const HOPE: f64 = 0.3;
-const HOPE_STEPS: usize = 2;
+/// Share of the window's variance that may be left from so many steps on: on the way to any warp, and to one that has to be
+/// better than a displacement, which says more than its window.
+const HOPE: (usize, f64) = (1, 0.2);
+const HOPE_TO_WIN: (usize, f64) = (2, 0.3);
 
-/// How many times as much as at the end may be left after the first step.
+/// How many times as much as at the end may be left after the first step, and after the others.
+const FIRST_LEFT: f64 = 1.5;
 const STILL_LEFT: f64 = 1.2;
 
 /// Memory of one thread.
@@ -143,9 +145,7 @@ impl Aligner {
             let area = equations.area;
             let signal = step.gain * step.gain * equations.normal.contrast / area;
             let left = equations.normal.variance(step.left, area);
-            if iteration >= HOPE_STEPS && left > HOPE * signal
-                || iteration >= 1 && left > STILL_LEFT * input.most_left
-            {
+            if is_hopeless(iteration, left, signal, input.most_left) {
                 return None;
             }
             // Steps shrink by a steady factor, so this is how far the rest of them would lead.
@@ -229,6 +229,17 @@ impl Aligner {
         dispatch_eight(input.level, kernel);
         true
     }
+}
+
+/// Whether what is left after so many steps tells that they lead nowhere.
+fn is_hopeless(steps: usize, left: f64, signal: f64, most_left: f64) -> bool {
+    let (first, share) = if most_left.is_infinite() {
+        HOPE
+    } else {
+        HOPE_TO_WIN
+    };
+    let times = if steps == 0 { FIRST_LEFT } else { STILL_LEFT };
+    left > times * most_left || steps >= first && left > share * signal
 }
 
 /// The least squares over the pixels that count.

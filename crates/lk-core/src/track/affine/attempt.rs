@@ -17,7 +17,7 @@ const LESS_LEFT: f64 = 0.92;
 const MAX_UNEXPLAINED: f64 = 0.1;
 
 /// Share of the variance that a warp may leave on the last coarse level to be worth the finest one.
-const HOPEFUL: f64 = 0.25;
+const HOPEFUL: f64 = 0.15;
 
 /// Steps on a coarse level, and the length of one that is enough.
 const COARSE_ITERATIONS: usize = 8;

@@ -38,9 +38,9 @@ const FITTED: usize = 6;
 /// How far, in pixels, a window that lies partly outside may be from where the points around lead.
 const MOST_APART: f64 = 0.5;
 
-/// The levels from which a neighbour's motion, and a point's own displacement, are followed down.
+/// The levels from which a neighbour's motion, and a point's own displacement, which is exact, are followed down.
 const NEAR_LEVEL: usize = 1;
-const OWN_LEVEL: usize = 2;
+const OWN_LEVEL: usize = 0;
 
 /// Points that one thread takes at least.
 const MIN_POINTS: usize = 2;
