@@ -236,9 +236,9 @@ def dense_flow(
         How light may change: not at all, by an offset within each small window, or besides that by a gain and an
         offset that vary slowly over the picture.
     max_displacement : float, optional
-        The longest displacement to look for, a length in pixels: small values save time, and keep repetitive texture
-        from being matched far away. By default motion is looked for up to about an eighth of the picture's shorter
-        side.
+        The longest displacement to look for, a length in pixels: longer ones are not sought, and none is valid. By
+        default half the frame along each axis. Small values save time, and keep repetitive texture from being matched
+        far away.
     initial : array_like (H, W, 2) or FlowField, optional
         A flow to start from; what lies within about 8 pixels of it is found. NaN is taken as zero.
     mask : ndarray (H, W) of bool, optional

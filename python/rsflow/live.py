@@ -123,7 +123,8 @@ def readings(
     illumination : {"gain_offset", "offset", "none"}
         Change of light that is allowed for.
     max_displacement : float, optional
-        Longest motion between two frames to look for, in pixels.
+        The longest displacement to look for, a length in pixels from frame to frame: longer ones are not sought, and
+        none is valid. By default half the frame, or half the window, along each axis.
     timeout_s : float
         How long to wait for a frame before `CaptureError`.
 

@@ -77,7 +77,8 @@ class MotionSegmenter(Shared):
     illumination : {"gain_offset", "offset", "none"}
         How light may change, for the dense flow.
     max_displacement : float, optional
-        The largest motion to expect, in pixels per frame.
+        The longest displacement to look for, a length in pixels from frame to frame: longer ones are not sought, and
+        none is valid. By default half the frame along each axis.
     min_area : int, optional
         Things of fewer pixels are left out; by default a ten-thousandth of the frame, and at least 12.
     mask : ndarray of bool, (height, width), optional

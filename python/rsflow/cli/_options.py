@@ -136,5 +136,6 @@ def add_max_displacement(parser: Arguments, *, default: str = "") -> None:
         "--max-displacement",
         type=float,
         metavar="PX",
-        help=f"longest motion from frame to frame to look for{f' (default: {default})' if default else ''}",
+        help="longest displacement from frame to frame to look for: longer ones are not sought, and none is valid"
+        + (f" (default: {default})" if default else ""),
     )

@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--max-flow", type=float, metavar="PX", help="motion of full colour (fitted)")
     add_preset(parser, default="balanced")
     add_illumination(parser)
-    add_max_displacement(parser)
+    add_max_displacement(parser, default="half the frame, along each axis")
     parser.add_argument("--initial", metavar="FILE", help="flow to start from, of the first pair: any flow file")
     parser.add_argument(
         "--mask", metavar="FILE", help="picture of the frames' size: what is black in it is not measured"

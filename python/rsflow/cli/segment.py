@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--camera-motion", choices=("moving", "static"), default="moving", help="whether the camera moves (moving)"
     )
     add_preset(parser, default="fast")
-    add_max_displacement(parser)
+    add_max_displacement(parser, default="half the frame, along each axis")
     parser.add_argument("--min-area", type=int, metavar="PX", help="leave out things of fewer pixels (1/10000)")
     add_mask(parser)
     parser.add_argument("--masks", action="store_true", help="also write masks/000001.png and so on")

@@ -90,7 +90,8 @@ def extract(
     illumination : {"gain_offset", "offset", "none"}
         Change of light that every estimator allows for.
     max_displacement : float, optional
-        Longest motion between two frames to look for, in pixels.
+        The longest displacement to look for, a length in pixels from frame to frame: longer ones are not sought, and
+        none is valid. By default half the frame, or half the window, along each axis.
     camera_motion : {"auto", "moving", "static"}
         Whether the camera moves; "auto" decides from the first frames and says so in the report.
     videos : bool

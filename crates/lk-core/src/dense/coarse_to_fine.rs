@@ -7,6 +7,7 @@ use crate::illumination::Illumination;
 use crate::parallel::both;
 use crate::pyramid::Pyramid;
 
+use super::block_matching::Matching;
 use super::chance::Count;
 use super::confidence::Judged;
 use super::fill::Fill;
@@ -65,6 +66,7 @@ pub(super) struct Memory {
     pub(super) found_energy: PaddedPlane,
     pub(super) found_trend: Trend,
     pub(super) light: Light,
+    pub(super) matching: Matching,
     looks: Looks,
     pub(super) weights: Vec<Plane>,
     /// 0 at pixels of `prev` that are masked or not finite.
@@ -259,9 +261,21 @@ impl CoarseToFine<'_> {
             self.coarse(first, hints, None)?;
         }
         let finest = self.options.recipe.finest.min(first);
+        // Where a flow is given what is lost is not looked for.
+        let matched = if hints.initial.is_none() {
+            finest.max(first.saturating_sub(1))
+        } else {
+            usize::MAX
+        };
+        if matched == first {
+            self.match_lost(first)?;
+        }
         for level in (finest..first).rev() {
             self.memory.halved = Some(2.0);
             self.level(level, true)?;
+            if level == matched {
+                self.match_lost(level)?;
+            }
             if level >= FILLED {
                 self.fill(level, 2)?;
             }
@@ -314,7 +328,7 @@ impl CoarseToFine<'_> {
         )
     }
 
-    fn level_recipe(&self, level: usize) -> LevelRecipe {
+    pub(super) fn level_recipe(&self, level: usize) -> LevelRecipe {
         let recipe = &self.options.recipe;
         match recipe.fine.get(level) {
             Some(fine) if level < self.first => *fine,
@@ -429,6 +443,12 @@ impl CoarseToFine<'_> {
     /// Improve the flow of one level. With `once` nothing on this level comes afterwards: flow and energies may be of half
     /// the size then, and on the finest level the last step or round judges the flow if it can.
     pub(super) fn level(&mut self, level: usize, once: bool) -> Result<()> {
+        self.steps(level, once)?;
+        self.refine(level, once)
+    }
+
+    /// The steps of one level.
+    pub(super) fn steps(&mut self, level: usize, once: bool) -> Result<()> {
         let execution = self.execution;
         let (of_level, options) = (self.level_recipe(level), self.step_options(level));
         let match_ratio = self.options.recipe.match_ratio;
@@ -482,7 +502,7 @@ impl CoarseToFine<'_> {
                 std::mem::swap(v, to_v);
             }
         }
-        self.refine(level, once)
+        Ok(())
     }
 
     /// The rounds of one level.

@@ -9,6 +9,7 @@ use crate::frame::Plane;
 use crate::seeds::Seeds;
 
 use super::coarse_to_fine::{CoarseToFine, Memory};
+use super::field::FlowField;
 use super::padded_plane;
 use super::trend::Trend;
 
@@ -27,6 +28,9 @@ const MOST: usize = 12;
 
 /// Half the windows over which misfit is compared: what one pixel of the level says of a displacement is chance.
 const SUPPORT: usize = 3;
+
+/// A vector may be measured longer than it is by this much, in pixels.
+const ROUNDING: f32 = 0.5;
 
 /// Half the windows whose contrast is measured, and the distance from one to the next.
 const RADIUS: usize = 3;
@@ -90,7 +94,7 @@ impl CoarseToFine<'_> {
 
 impl Memory {
     /// Replace each energy by the mean over the windows around it; those that are unknown stay so and do not count.
-    fn widen_energy(&mut self) -> Result<()> {
+    pub(super) fn widen_energy(&mut self) -> Result<()> {
         let Self {
             energy,
             spare: [sums, counts],
@@ -129,7 +133,7 @@ impl Memory {
     }
 
     /// Take over into `found` the flow at pixels where it fits better than what is there.
-    fn keep_what_fits(&mut self) {
+    pub(super) fn keep_what_fits(&mut self) {
         let (width, height) = (self.energy.width(), self.energy.height());
         for y in 0..height {
             let energy = self.energy.padded(y);
@@ -148,6 +152,14 @@ impl Memory {
                 kept[x] = kept[x].min(energy[x]);
             }
         }
+    }
+}
+
+/// What is longer than `most` is not valid, but for a rounding of the steps that led there.
+pub(super) fn refuse_longer(field: &mut FlowField, most: f32) {
+    let longest = most + ROUNDING;
+    for (valid, uv) in field.valid.iter_mut().zip(field.uv.chunks_exact(2)) {
+        *valid &= uv[0].hypot(uv[1]) <= longest;
     }
 }
 

@@ -7,7 +7,8 @@
 //! ([`sureness`]) take the flow of what is around them ([`fill`]). The mean of each window is taken out, so that an
 //! offset of the light does no harm; where light has changed by more than that, `prev` is first brought to the light of
 //! `next` ([`light`], [`photometric_align`]). Motion that the coarsest level cannot see is looked for where windows are left
-//! without a match ([`large_motion`]). Whether either may be called for is asked beside the coarsest levels ([`looks`]). The
+//! without a match ([`large_motion`]), and where some are they are compared with every place that they may have moved to
+//! ([`block_matching`]). Whether either may be called for is asked beside the coarsest levels ([`looks`]). The
 //! last step or round also judges how well its windows fit ([`confidence`]), a coarse level says whether the flow is supported
 //! where the finest one cannot ([`support`]), and what is not to be trusted is marked ([`validity`]), or fits by chance
 //! ([`chance`]).
@@ -38,6 +39,7 @@ macro_rules! by_radius {
     };
 }
 
+mod block_matching;
 mod chance;
 mod coarse_to_fine;
 mod confidence;
@@ -66,6 +68,7 @@ mod upsample;
 mod validity;
 mod warp;
 mod weights;
+mod window_correlation;
 mod windows;
 
 use ndarray::ArrayView2;
@@ -382,6 +385,9 @@ impl DenseFlow {
             field,
             execution,
         )?;
+        if let Some(most) = options.max_displacement {
+            large_motion::refuse_longer(field, most);
+        }
         chance::clear(field, judged, counts)
     }
 }

@@ -293,7 +293,8 @@ impl DenseOptions {
         self
     }
 
-    /// The largest motion to look for, in pixels. By default all levels of the pyramid are searched.
+    /// The longest displacement to look for, a length in pixels: longer vectors are not sought, and none is valid. By default
+    /// half the frame along each axis.
     #[must_use]
     pub fn max_displacement(mut self, pixels: Option<f32>) -> Self {
         self.max_displacement = pixels;

@@ -79,7 +79,7 @@ impl TrackOptions {
         self
     }
 
-    /// The longest displacement to look for, in pixels; `None`, the default, looks for any. On texture that repeats and
+    /// The longest displacement to look for, a length in pixels: longer ones are not valid; `None`, the default, looks for any. On texture that repeats and
     /// fills the picture, one below half of the period says which of several displacements it was.
     #[must_use]
     pub fn max_displacement(mut self, pixels: Option<f32>) -> Self {

@@ -180,3 +180,147 @@ fn an_edge_of_motion_is_not_valid_and_the_rest_is() {
         assert!(flagged > 0.9 * edge, "{preset:?}: {flagged} of {edge}");
     }
 }
+
+/// A square of this side that moves over ground that moves by (1, -1), with the motion of each pixel of `prev`, and
+/// whether it is seen in both frames.
+type Moving = (Array2<f32>, Array2<f32>, Array2<[f32; 2]>, Array2<bool>);
+fn moving(side: isize, (u, v): (isize, isize)) -> Moving {
+    let (height, width) = (240, 320);
+    let (left, top) = (130 - u / 2, 90 - v / 2);
+    let over =
+        |x: isize, y: isize| (left..left + side).contains(&x) && (top..top + side).contains(&y);
+    let over_next = |x: isize, y: isize| over(x - u, y - v);
+    let mut frames = [
+        field(height, width, (0, 0), 3, 1),
+        field(height, width, (1, -1), 3, 1),
+    ];
+    let thing = [
+        field(height, width, (0, 0), 3, 2),
+        field(height, width, (u, v), 3, 2),
+    ];
+    for y in 0..height {
+        for x in 0..width {
+            let place = (x as isize, y as isize);
+            for (at, covered) in [over(place.0, place.1), over_next(place.0, place.1)]
+                .into_iter()
+                .enumerate()
+            {
+                if covered {
+                    frames[at][(y, x)] = thing[at][(y, x)];
+                }
+            }
+        }
+    }
+    let motion = |y: usize, x: usize| {
+        if over(x as isize, y as isize) {
+            (u, v)
+        } else {
+            (1, -1)
+        }
+    };
+    let truth = Array2::from_shape_fn((height, width), |(y, x)| {
+        let (u, v) = motion(y, x);
+        [u as f32, v as f32]
+    });
+    let seen = Array2::from_shape_fn((height, width), |(y, x)| {
+        let (u, v) = motion(y, x);
+        let (to_x, to_y) = (x as isize + u, y as isize + v);
+        let inside = (0..width as isize).contains(&to_x) && (0..height as isize).contains(&to_y);
+        inside && over_next(to_x, to_y) == over(x as isize, y as isize)
+    });
+    let [prev, next] = frames;
+    (prev, next, truth, seen)
+}
+
+/// Of the pixels that are seen and move as `which` says: the share within a pixel of the truth, and the share of the
+/// valid ones that are not.
+fn right(
+    field: &FlowField,
+    (truth, seen): (&Array2<[f32; 2]>, &Array2<bool>),
+    which: [f32; 2],
+) -> (f32, f32) {
+    let (mut near, mut count, mut valid, mut wrong) = (0.0f32, 0.0f32, 0.0f32, 0.0f32);
+    for ((at, truth), seen) in truth.iter().enumerate().zip(seen) {
+        let error = (field.uv()[2 * at] - truth[0]).hypot(field.uv()[2 * at + 1] - truth[1]);
+        if !seen || *truth != which {
+            continue;
+        }
+        count += 1.0;
+        near += f32::from(u8::from(error < 1.0));
+        if field.valid()[at] {
+            valid += 1.0;
+            wrong += f32::from(u8::from(error > 1.0));
+        }
+    }
+    (near / count, wrong / valid.max(1.0))
+}
+
+#[test]
+fn what_is_small_and_fast_is_found() {
+    for (side, motion) in [(40, (30, 10)), (40, (-60, 40)), (64, (120, -20))] {
+        let (prev, next, truth, seen) = moving(side, motion);
+        let which = [motion.0 as f32, motion.1 as f32];
+        for (light, next, (least, most)) in [
+            ("steady", next.clone(), (0.7, 0.02)),
+            // The light around what is lost is not known well.
+            ("gain", next.mapv(|a| 0.75 * a + 10.0), (0.2, 0.15)),
+        ] {
+            for preset in PRESETS {
+                let field = measure(
+                    prev.view(),
+                    next.view(),
+                    &DenseOptions::default().preset(preset),
+                );
+                let (near, wrong) = right(&field, (&truth, &seen), which);
+                assert!(
+                    near > least && wrong < most,
+                    "{preset:?} {side} {motion:?} {light}: {near} {wrong}"
+                );
+                let (near, wrong) = right(&field, (&truth, &seen), [1.0, -1.0]);
+                assert!(
+                    near > 0.95 && wrong < 0.02,
+                    "{preset:?} {side} {motion:?} {light}, ground: {near} {wrong}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn max_displacement_says_how_far_is_looked() {
+    for preset in PRESETS {
+        let run = |motion, most| {
+            let (prev, next, truth, seen) = moving(48, motion);
+            let options = DenseOptions::default()
+                .preset(preset)
+                .max_displacement(most);
+            let field = measure(prev.view(), next.view(), &options);
+            let near = right(&field, (&truth, &seen), [motion.0 as f32, motion.1 as f32]).0;
+            if let Some(most) = most {
+                for (uv, _) in field
+                    .uv()
+                    .chunks_exact(2)
+                    .zip(field.valid())
+                    .filter(|(_, valid)| **valid)
+                {
+                    assert!(uv[0].hypot(uv[1]) < most + 1.0, "{preset:?} {uv:?} {most}");
+                }
+            }
+            near
+        };
+        // Half the frame is 160 pixels along x.
+        for (motion, most, found) in [
+            ((80, 0), Some(100.0), true),
+            ((80, 0), Some(60.0), false),
+            ((80, 0), Some(8.0), false),
+            ((200, 0), None, false),
+            ((200, 0), Some(220.0), true),
+        ] {
+            let near = run(motion, most);
+            assert!(
+                if found { near > 0.7 } else { near < 0.1 },
+                "{preset:?} {motion:?} {most:?}: {near}"
+            );
+        }
+    }
+}
