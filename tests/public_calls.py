@@ -417,6 +417,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.reproduce.textures": lambda _: (reproduce.textures, {}),
     "rsflow.synthetic.Flight": lambda _: (Flight, _fields(flight())),
     "rsflow.synthetic.Flight.flow": lambda _: (flight().flow, {"index": 1}),
+    "rsflow.synthetic.LayersPair": lambda _: (synthetic.LayersPair, _fields(_layers())),
     "rsflow.synthetic.MotionsPair": lambda _: (synthetic.MotionsPair, _fields(_motions())),
     "rsflow.synthetic.MotionsPair.clear": lambda _: (_motions().clear, {"points": [(8, 8)], "radius": 2}),
     "rsflow.synthetic.MotionsPair.truth": lambda _: (_motions().truth, {"points": [(8, 8)]}),
@@ -454,6 +455,10 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.synthetic.flight_with_object": lambda _: (synthetic.flight_with_object, {"camera": CAMERA}),
     "rsflow.synthetic.gain": lambda _: (synthetic.gain, {"factor": 0.7}),
     "rsflow.synthetic.gamma": lambda _: (synthetic.gamma, {"exponent": 0.7}),
+    "rsflow.synthetic.layers_pair": lambda _: (
+        synthetic.layers_pair,
+        {"size": (WIDTH, HEIGHT), "median_px": 3.0, "things": 2},
+    ),
     "rsflow.synthetic.motions_pair": lambda _: (
         synthetic.motions_pair,
         {"parts": [synthetic.Part()], "size": (32, 24)},
@@ -499,6 +504,10 @@ def _names(kind: Any) -> list[str]:
 
 
 @functools.cache
+def _layers() -> synthetic.LayersPair:
+    return synthetic.layers_pair(size=(WIDTH, HEIGHT), median_px=3.0, things=2, seed=1)
+
+
 def _motions() -> synthetic.MotionsPair:
     return synthetic.motions_pair([synthetic.Part(), PART], size=(WIDTH, HEIGHT), seed=1)
 

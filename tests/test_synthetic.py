@@ -283,3 +283,63 @@ def test_same_arguments_give_the_same_pixels() -> None:
 def test_misuse_says_what_where_got_and_expected(make: object, message: str) -> None:
     with pytest.raises((OptionError, ShapeError), match=message):
         make()  # type: ignore[operator]
+
+
+def test_layers_have_the_motion_that_is_asked_for_and_hide_each_other() -> None:
+    for seed, median in ((1, 27.0), (2, 6.5)):
+        pair = synthetic.layers_pair(size=(240, 180), median_px=median, seed=seed)
+        assert pair.flow.shape == (180, 240, 2)
+        assert pair.flow.dtype == np.float32
+        assert np.median(np.hypot(pair.flow[..., 0], pair.flow[..., 1])) == pytest.approx(median, abs=1e-3)
+        assert 0.4 < pair.visible.mean() < 0.98
+        assert len(np.unique(pair.layer)) > 4
+        again = synthetic.layers_pair(size=(240, 180), median_px=median, seed=seed)
+        np.testing.assert_array_equal(pair.prev, again.prev)
+        np.testing.assert_array_equal(pair.next, again.next)
+        np.testing.assert_array_equal(pair.flow, again.flow)
+    assert (synthetic.layers_pair(size=(240, 180), seed=9).prev != pair.prev).any()
+
+
+def test_what_is_visible_in_layers_is_where_the_flow_says() -> None:
+    for seed in range(3):
+        pair = synthetic.layers_pair(size=(240, 180), median_px=9.0, shutter=0.0, fog=0.5, sensor=CLEAN, seed=seed)
+        y, x = np.mgrid[0:180, 0:240].astype(float)
+        to = np.stack([x, y], axis=-1) + pair.flow
+        moved = interpolated(pair.next)(to.reshape(-1, 2)).reshape(180, 240)
+        inner = ndimage.binary_erosion(pair.visible, iterations=4)
+        # Away from outlines, which are softened over a pixel.
+        for index in np.unique(pair.layer):
+            inside = ndimage.binary_erosion(pair.layer == index, iterations=4) & inner
+            if inside.sum() > 200:
+                difference = np.abs(moved - pair.prev)[inside]
+                assert np.median(difference) < 0.3, (seed, index)
+                assert np.percentile(difference, 95) < 1.5, (seed, index)
+        hidden = ndimage.binary_erosion(~pair.visible & (to > 4).all(-1) & (to < (235, 175)).all(-1), iterations=2)
+        assert np.median(np.abs(moved - pair.prev)[hidden]) > 5.0
+
+
+def test_fog_takes_contrast_from_what_is_far_and_the_shutter_blurs() -> None:
+    kwargs = {"size": (240, 180), "sensor": CLEAN, "seed": 4}
+    clear = synthetic.layers_pair(fog=0.0, shutter=0.0, **kwargs)
+    foggy = synthetic.layers_pair(fog=0.6, shutter=0.0, **kwargs)
+    ground = ndimage.binary_erosion(clear.layer == 0, iterations=3)
+    assert foggy.prev[ground].std() == pytest.approx(0.4 * clear.prev[ground].std(), rel=1e-4)
+    blurred = synthetic.layers_pair(fog=0.0, shutter=0.5, **kwargs)
+    np.testing.assert_array_equal(blurred.flow, clear.flow)
+    slope = [np.abs(np.diff(pair.prev, axis=1)).mean() for pair in (clear, blurred)]
+    assert slope[1] < 0.6 * slope[0]
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "text"),
+    [
+        ({"median_px": 500}, "median_px: got 500"),
+        ({"things": -1}, "things: got -1"),
+        ({"shutter": 1.5}, "shutter: got 1.5"),
+        ({"fog": float("nan")}, "fog: got NaN"),
+        ({"size": (4, 4)}, "size: got"),
+    ],
+)
+def test_layers_that_cannot_be_are_refused(kwargs: dict[str, object], text: str) -> None:
+    with pytest.raises(OptionError, match=text):
+        synthetic.layers_pair(**kwargs)
