@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -204,3 +206,35 @@ def test_the_least_support_is_an_eighth_of_the_window(window: int) -> None:
         elif share > 0.4:
             assert tracks.valid.mean() > 0.8
             assert (tracks.status != PointStatus.LOW_SUPPORT).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    masks(),
+    masks(),
+    st.sampled_from(list(SCENES)),
+    st.integers(0, 50),
+    st.sampled_from(["ultrafast", "fast", "balanced", "accurate"]),
+)
+def test_dense_flow_depends_on_what_counts_alone(
+    keep: np.ndarray, keep_next: np.ndarray, dtype: type, seed: int, preset: rsflow.Preset
+) -> None:
+    prev, after = SCENES[dtype]
+    # The second pair of a stream: its first frame was the second one of another pair, with the other mask.
+    stream = rsflow.DenseFlow(preset=preset, mask=keep, next_mask=keep_next)
+    stream.update(covered(after, keep & keep_next, seed))
+    stream.update(covered(prev, keep, seed))
+    streamed = pickle.loads(pickle.dumps(stream)).update(covered(after, keep_next, seed + 7))
+    pairs = [
+        rsflow.dense_flow(
+            covered(prev, keep, s), covered(after, keep_next, s + 7), preset=preset, mask=keep, next_mask=keep_next
+        )
+        for s in (seed, seed + 1)
+    ]
+    assert streamed is not None
+    for field in (pairs[1], streamed):
+        for name in ("uv", "valid", "residual", "gain", "offset"):
+            same(getattr(pairs[0], name), getattr(field, name))
+    assert np.isnan(field.uv[~keep]).all() and np.isfinite(field.uv[keep]).all()
+    error = np.hypot(*(field.uv - np.float32(MOTION)).transpose(2, 0, 1))[field.valid]
+    assert (error > 1).mean() < 0.02 if error.size > 500 else True

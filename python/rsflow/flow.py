@@ -242,7 +242,7 @@ def dense_flow(
     initial : array_like (H, W, 2) or FlowField, optional
         A flow to start from; what lies within about 8 pixels of it is found. NaN is taken as zero.
     mask : ndarray (H, W) of bool, optional
-        False at pixels of `prev` that are not to be measured and that count for nothing.
+        False at pixels of `prev` that are not to be measured and that count for nothing, whatever they hold.
     next_mask : ndarray (H, W) of bool, optional
         The same of `next`: a pixel of `prev` that moves to one where it is False, or beside it, counts for nothing and
         is not `valid`. What stays with the sensor, a rim or letters, is given as both masks.

@@ -24,11 +24,16 @@ pub(crate) struct Greys {
 }
 
 impl Greys {
-    pub(crate) fn of<T: Pixel>(frame: Frame<'_, T>) -> Self {
-        let mut greys = Self {
+    /// Of no pixel.
+    pub(crate) fn of_none() -> Self {
+        Self {
             extremes: None,
             finite: true,
-        };
+        }
+    }
+
+    pub(crate) fn of<T: Pixel>(frame: Frame<'_, T>) -> Self {
+        let mut greys = Self::of_none();
         if let Some(pixels) = frame.as_slice() {
             for part in pixels.chunks(PART) {
                 greys.scan(ArrayView1::from(part));
@@ -51,7 +56,8 @@ impl Greys {
         Self { extremes, finite }
     }
 
-    fn scan<T: Pixel>(&mut self, pixels: ArrayView1<'_, T>) {
+    /// Take in more pixels.
+    pub(crate) fn scan<T: Pixel>(&mut self, pixels: ArrayView1<'_, T>) {
         let found = pixels.as_slice().and_then(finite_extremes);
         if let Some(found) = found {
             self.include(found);
@@ -103,10 +109,10 @@ impl Greys {
         self.finite
     }
 
-    /// Whether every pixel is finite, also once it is multiplied by `scale`.
-    pub(crate) fn stay_finite(&self, scale: f32) -> bool {
+    /// Whether every pixel is finite and, multiplied by `scale`, at most `most` from 0.
+    pub(crate) fn stay_within(&self, scale: f32, most: f32) -> bool {
         let extremes = self.extremes.unwrap_or_default();
-        self.finite && extremes.iter().all(|value| (value * scale).is_finite())
+        self.finite && extremes.iter().all(|value| (value * scale).abs() <= most)
     }
 }
 
@@ -217,19 +223,19 @@ mod tests {
             let greys = Greys::of(frame.view());
             let most = (100 + width) as f32 - 8.0;
             assert_eq!(greys.extremes, Some([-7.0, most]));
-            assert!(greys.stay_finite(1.0) && !greys.stay_finite(f32::MAX));
+            assert!(greys.stay_within(1.0, f32::MAX) && !greys.stay_within(f32::MAX, f32::MAX));
             assert_eq!(greys, Greys::of(frame.slice(s![.., ..;-1])));
             for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
                 let mut frame = frame.clone();
                 frame[(1, width / 2)] = bad;
                 let greys = Greys::of(frame.view());
                 assert_eq!(greys.extremes, Some([-7.0, most]));
-                assert!(!greys.stay_finite(1.0));
+                assert!(!greys.stay_within(1.0, f32::MAX));
             }
         }
         let nothing = Greys::of(Array2::from_elem((2, 5), f32::NAN).view());
         assert_eq!((nothing.extremes, nothing.scale()), (None, 1.0));
-        assert!(!nothing.stay_finite(1.0));
+        assert!(!nothing.stay_within(1.0, f32::MAX));
         let bytes = Array2::from_shape_fn((4, 9), |(y, x)| (y * 9 + x) as u8);
         assert_eq!(Greys::of(bytes.view()).extremes, Some([0.0, 35.0]));
     }

@@ -199,7 +199,7 @@ fn a_flow_goes_on_elsewhere() {
         assert_eq!(one.valid(), two.valid());
     }
     let mut damaged = snapshot.clone();
-    damaged.finite = Plane::new(2, 2).unwrap();
+    damaged.counts = Plane::new(2, 2).unwrap();
     assert!(is_shape(other.restore(Some(&damaged))));
     for scale in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-45] {
         damaged = snapshot.clone();

@@ -122,7 +122,8 @@ impl DenseFlow {
         };
         let state = PyDict::new(py);
         state.set_item("frame", plane_array(py, &snapshot.frame)?)?;
-        state.set_item("finite", plane_array(py, &snapshot.finite)?)?;
+        state.set_item("counts", plane_array(py, &snapshot.counts)?)?;
+        state.set_item("raw", plane_array(py, &snapshot.raw)?)?;
         state.set_item("scale", snapshot.scale)?;
         let extremes = snapshot.extremes.map(|[low, high]| (low, high));
         state.set_item("extremes", extremes)?;
@@ -137,7 +138,8 @@ impl DenseFlow {
                 let extremes: Option<(f32, f32)> = entry(state, "extremes")?;
                 Some(DenseSnapshot {
                     frame: array_plane("frame", &item(state, "frame")?)?,
-                    finite: array_plane("finite", &item(state, "finite")?)?,
+                    counts: array_plane("counts", &item(state, "counts")?)?,
+                    raw: array_plane("raw", &item(state, "raw")?)?,
                     scale: entry(state, "scale")?,
                     extremes: extremes.map(|(low, high)| [low, high]),
                     all_finite: entry(state, "all_finite")?,

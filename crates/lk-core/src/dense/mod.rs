@@ -45,6 +45,7 @@ mod coarse_to_fine;
 mod confidence;
 mod field;
 mod fill;
+mod gaps;
 mod half_round;
 mod large_motion;
 mod light;
@@ -58,6 +59,7 @@ mod propagate;
 mod refine;
 mod relax;
 mod snapshot;
+mod source;
 mod step;
 mod sum_down;
 mod support;
@@ -75,17 +77,15 @@ use ndarray::ArrayView2;
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
-use crate::frame::{Frame, Pixel, Plane, expect_size, pixels_of, scale_by};
-use crate::grey::Greys;
+use crate::frame::{Frame, Pixel, expect_size, pixels_of, scale_by};
 use crate::parallel::{both, within_pool};
-use crate::presmooth;
-use crate::pyramid::Pyramid;
 
 pub use field::FlowField;
 pub use options::{DenseHints, DenseOptions, Preset};
 pub use snapshot::DenseSnapshot;
 
 use coarse_to_fine::{CoarseToFine, Memory};
+use source::{Reading, Source, greys_of};
 use windows::Views;
 
 /// A level is not halved below this, in pixels of its shorter side: the windows of the coarsest level must stay small
@@ -118,18 +118,6 @@ pub struct DenseFlow {
     /// Whether `next` holds the frame before.
     primed: bool,
     memory: Memory,
-}
-
-/// A frame, ready to be compared.
-#[derive(Debug, Default)]
-struct Source {
-    /// Its grey levels are those of the frame times `scale`.
-    pyramid: Pyramid,
-    scale: f32,
-    /// Of the frame as it came.
-    greys: Greys,
-    /// 1 where the frame is finite; of no size where it is everywhere.
-    finite: Plane,
 }
 
 /// Dense flow of one pair.
@@ -205,10 +193,18 @@ impl DenseFlow {
         let side = self.options.recipe.smoothing_side();
         let measured = within_pool(&execution, || {
             let levels = self.levels(frame.dim());
-            let greys = Greys::of(frame);
+            let reading = |mask| Reading { levels, side, mask };
+            if primed {
+                self.prev.mask_anew(reading(hints.mask), &execution)?;
+            }
+            let greys = greys_of(frame, hints.next_mask);
             let scale = if primed { &self.prev.greys } else { &greys }.scale();
             self.next
-                .read(frame, greys, (scale, side), levels, &execution)?;
+                .read(frame, (greys, scale), reading(hints.next_mask), &execution)?;
+            // The mask of the next pair's first frame may be another.
+            if hints.mask.is_some() || hints.next_mask.is_some() {
+                self.next.keep(frame, &execution)?;
+            }
             if primed {
                 self.prev.rescale(scale);
                 self.measure(hints, &execution, field)?;
@@ -240,7 +236,13 @@ impl DenseFlow {
         let side = self.options.recipe.smoothing_side();
         let measured = within_pool(&execution, || {
             let levels = self.levels(prev.dim());
-            let greys = both(&execution, || Greys::of(prev), || Greys::of(next))?;
+            let reading = |mask| Reading { levels, side, mask };
+            let (mask, next_mask) = (hints.mask, hints.next_mask);
+            let greys = both(
+                &execution,
+                || greys_of(prev, mask),
+                || greys_of(next, next_mask),
+            )?;
             let scale = greys.0.scale();
             let Self {
                 prev: first,
@@ -249,8 +251,8 @@ impl DenseFlow {
             } = self;
             let (first, second) = both(
                 &execution,
-                || first.read(prev, greys.0, (scale, side), levels, &execution),
-                || second.read(next, greys.1, (scale, side), levels, &execution),
+                || first.read(prev, (greys.0, scale), reading(mask), &execution),
+                || second.read(next, (greys.1, scale), reading(next_mask), &execution),
             )?;
             first.and(second)?;
             self.measure(hints, &execution, field)
@@ -318,10 +320,10 @@ impl DenseFlow {
             field.clear();
             return Ok(());
         }
-        let finite = Some(&prev.finite).filter(|plane| plane.width() > 0);
-        let weighted = hints.mask.is_some() || finite.is_some();
+        let counts = Some(&prev.counts).filter(|plane| plane.width() > 0);
+        let weighted = hints.mask.is_some() || counts.is_some();
         if weighted {
-            weights::given(hints.mask, finite, (width, height), &mut memory.given)?;
+            weights::given(hints.mask, counts, (width, height), &mut memory.given)?;
             weights::pyramid(&memory.given, &prev.pyramid, &mut memory.weights)?;
         }
         // A power of two: dividing by it is exact.
@@ -358,6 +360,7 @@ impl DenseFlow {
             support,
             trend,
             counts,
+            near,
             ..
         } = memory;
         let input = Views {
@@ -369,12 +372,13 @@ impl DenseFlow {
             weight: is_weighted.then(|| &weights[0]),
         };
         let given = weighted.then_some(&*given);
-        let finite = Some(&next.finite).filter(|plane| plane.width() > 0);
-        let bad = if hints.next_mask.is_some() {
-            weights::given(hints.next_mask, finite, (width, height), counted)?;
-            Some(&*counted)
+        let counting = Some(&next.counts).filter(|plane| plane.width() > 0);
+        let bad = if hints.next_mask.is_some() || counting.is_some() {
+            weights::given(hints.next_mask, counting, (width, height), counted)?;
+            weights::near_uncounted(counted, validity::RADIUS, near)?;
+            Some(near.as_slice())
         } else {
-            finite
+            None
         };
         let slopes = trend.slopes;
         validity::mark(
@@ -394,45 +398,6 @@ impl DenseFlow {
 
 /// Frames of fewer pixels are measured on the caller's thread: nothing of them is divided.
 const SHARED: usize = 1 << 14;
-
-impl Source {
-    fn read<T: Pixel>(
-        &mut self,
-        frame: Frame<'_, T>,
-        greys: Greys,
-        (scale, side): (f32, f32),
-        levels: usize,
-        execution: &Execution,
-    ) -> Result<()> {
-        (self.greys, self.scale) = (greys, scale);
-        self.finite.resize(0, 0)?;
-        if greys.stay_finite(scale) {
-            return self
-                .pyramid
-                .rebuild_smoothed(frame, levels, (scale, side), execution);
-        }
-        // What is not finite is filled before it can spread.
-        self.pyramid
-            .rebuild_smoothed(frame, levels, (scale, 0.0), execution)?;
-        let finest = &mut self.pyramid.levels_mut()[0];
-        weights::fill(finest, &mut self.finite)?;
-        presmooth::smooth(finest, side, execution)?;
-        self.pyramid.reduce_again(execution)
-    }
-
-    /// Take another scale: that of a frame that was the second of a pair and is now the first.
-    fn rescale(&mut self, scale: f32) {
-        if scale == self.scale {
-            return;
-        }
-        for plane in self.pyramid.levels_mut() {
-            // Two factors: their product may be no `f32`.
-            scale_by(plane.data_mut(), self.scale.recip());
-            scale_by(plane.data_mut(), scale);
-        }
-        self.scale = scale;
-    }
-}
 
 /// The hints without masks that leave nothing out.
 fn checked((height, width): (usize, usize), hints: DenseHints<'_>) -> Result<DenseHints<'_>> {

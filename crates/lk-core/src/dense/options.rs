@@ -333,7 +333,9 @@ pub struct DenseHints<'a> {
     /// A flow to start from, (height, width, 2) in pixels; where it is not finite, or longer than the frame, it is taken
     /// as zero.
     pub initial: Option<ArrayView3<'a, f32>>,
-    /// (height, width): false at pixels of `prev` that count for nothing.
+    /// (height, width): false at pixels of `prev` that count for nothing, whatever they hold. In a sequence that holds for
+    /// the first frame of a pair if the call that brought it had a mask too; else what it held under the mask reaches the
+    /// pixels beside it.
     pub mask: Option<ArrayView2<'a, bool>>,
     /// (height, width): false at pixels of `next` that count for nothing. A pixel of `prev` counts where it and what it
     /// moves to do.

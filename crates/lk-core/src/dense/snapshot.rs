@@ -6,33 +6,39 @@ use crate::error::{Error, Result};
 use crate::frame::Plane;
 use crate::grey::Greys;
 
-use super::{DenseFlow, Source};
+use super::DenseFlow;
+use super::source::Source;
 
 /// What a [`DenseFlow`] knows of the frame before, to the bit: one of the same options that is given it goes on as the
 /// first would have.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DenseSnapshot {
-    /// Its grey levels times `scale`; pixels that are not finite have those of a neighbour.
+    /// Its grey levels times `scale`, smoothed; pixels that do not count have those of what is around them.
     pub frame: Plane,
-    /// 1 where the frame is finite, 0 elsewhere; of no size where it is finite everywhere.
-    pub finite: Plane,
+    /// 1 where the frame is finite and not masked, 0 elsewhere; of no size where all counts.
+    pub counts: Plane,
+    /// The frame as it came, to be read with another mask; of no size where no mask was given.
+    pub raw: Plane,
     /// The power of two.
     pub scale: f32,
-    /// The least and the largest finite grey level, without `scale`.
+    /// The least and the largest grey level that counts, without `scale`.
     pub extremes: Option<[f32; 2]>,
-    /// Whether every pixel is finite.
+    /// Whether every pixel that is not masked is finite.
     pub all_finite: bool,
 }
 
 impl DenseSnapshot {
     fn validate(&self) -> Result<()> {
-        let (size, finite) = (size_of(&self.frame), size_of(&self.finite));
-        if finite != size && finite != (0, 0) {
-            return Err(Error::shape(
-                "finite",
-                format!("{finite:?}"),
-                format!("the shape of the frame, {size:?}, or nothing"),
-            ));
+        let size = size_of(&self.frame);
+        for (name, plane) in [("counts", &self.counts), ("raw", &self.raw)] {
+            let got = size_of(plane);
+            if got != size && got != (0, 0) {
+                return Err(Error::shape(
+                    name,
+                    format!("{got:?}"),
+                    format!("the shape of the frame, {size:?}, or nothing"),
+                ));
+            }
         }
         let scale = self.scale;
         if !(scale > 0.0 && scale.is_normal() && scale.recip().is_normal()) {
@@ -84,13 +90,15 @@ impl DenseFlow {
         let Some(finest) = source.pyramid.levels().first().filter(|_| self.primed) else {
             return Ok(None);
         };
-        let (mut frame, mut finite) = (Plane::default(), Plane::default());
-        frame.copy_of(finest)?;
-        finite.copy_of(&source.finite)?;
+        let copy = |plane: &Plane| {
+            let mut copy = Plane::default();
+            copy.copy_of(plane).map(|()| copy)
+        };
         let (extremes, all_finite) = source.greys.parts();
         Ok(Some(DenseSnapshot {
-            frame,
-            finite,
+            frame: copy(finest)?,
+            counts: copy(&source.counts)?,
+            raw: copy(&source.raw)?,
             scale: source.scale,
             extremes,
             all_finite,
@@ -119,7 +127,8 @@ impl DenseFlow {
             ..Source::default()
         };
         source.pyramid.rebuild(frame, levels, &execution)?;
-        source.finite.copy_of(&snapshot.finite)?;
+        source.counts.copy_of(&snapshot.counts)?;
+        source.raw.copy_of(&snapshot.raw)?;
         self.next = source;
         self.primed = true;
         Ok(())

@@ -17,19 +17,19 @@ use super::trend::Slopes;
 use super::windows::Views;
 
 /// Half the windows within which all pixels must be finite and move alike.
-const RADIUS: usize = 3;
+pub(super) const RADIUS: usize = 3;
 
 /// Where the flow differs by this much from its trend within the window, in pixels, it holds the edge of something that
 /// moves: part of it may be uncovered, and none of it is told from the other side for sure.
 const EDGE: f32 = 1.0;
 
 /// Fill `field` with the flow of `views` and with what its windows and those of a coarse level, `support`, said. `given` is 0 at pixels of `prev` that were not
-/// to be measured, `finite` where `next` is not finite; `slopes` are those of most of the flow; `unit` is what one grey level
+/// to be measured, `bad` is not 0 within [`RADIUS`] of those of `next` that do not count; `slopes` are those of most of the flow; `unit` is what one grey level
 /// of the planes is in those of the caller.
 pub(super) fn mark(
     views: Views<'_>,
     (judged, support): (&Judged, &PaddedPlane),
-    (given, finite): (Option<&Plane>, Option<&Plane>),
+    (given, bad): (Option<&Plane>, Option<&[u8]>),
     (slopes, unit): (Slopes, f32),
     field: &mut FlowField,
     execution: &Execution,
@@ -119,10 +119,14 @@ pub(super) fn mark(
                             }
                         }
                     }
-                    if let Some(finite) = finite {
+                    if let Some(bad) = bad {
                         for x in 0..width {
-                            valid[x] =
-                                valid[x] && near_finite(finite, x as f32 + u[x], y as f32 + v[x]);
+                            if valid[x] {
+                                // It is inside: what is valid stays within the picture.
+                                let [to_x, to_y] = [x as f32 + u[x], y as f32 + v[x]]
+                                    .map(|at| (at + 0.5) as usize);
+                                valid[x] = bad[to_y * width + to_x] == 0;
+                            }
                         }
                     }
                 }
@@ -313,14 +317,4 @@ impl Kernel for Write<'_> {
             *valid = *flag >= 0.0;
         }
     }
-}
-
-/// Whether all pixels of the window around (x, y) are finite.
-fn near_finite(finite: &Plane, x: f32, y: f32) -> bool {
-    let range = |at: f32, size: usize| {
-        let at = at.round().max(0.0) as usize;
-        at.saturating_sub(RADIUS)..(at + RADIUS + 1).min(size)
-    };
-    range(y, finite.height())
-        .all(|row| range(x, finite.width()).all(|column| finite.row(row)[column] > 0.0))
 }

@@ -10,34 +10,6 @@ use crate::pyramid::Pyramid;
 use super::coarse_to_fine::{CoarseToFine, Memory};
 use super::padded_plane::PaddedPlane;
 
-/// Set `finite` to 1 where `plane` is finite and 0 elsewhere, and give the others the value of a neighbour, so that
-/// they cannot spread.
-pub(super) fn fill(plane: &mut Plane, finite: &mut Plane) -> Result<()> {
-    let (width, height) = (plane.width(), plane.height());
-    finite.resize(width, height)?;
-    let first = plane
-        .data()
-        .iter()
-        .copied()
-        .find(|value| value.is_finite())
-        .unwrap_or(0.0);
-    for y in 0..height {
-        let above = if y > 0 { plane.row(y - 1)[0] } else { first };
-        let mut last = above;
-        let (row, finite) = (plane.row_mut(y), finite.row_mut(y));
-        for (value, finite) in row.iter_mut().zip(finite) {
-            if value.is_finite() {
-                last = *value;
-                *finite = 1.0;
-            } else {
-                *value = last;
-                *finite = 0.0;
-            }
-        }
-    }
-    Ok(())
-}
-
 /// The weight of every pixel of the frame: 0 where it is masked or not finite.
 pub(super) fn given(
     mask: Option<ArrayView2<'_, bool>>,
@@ -135,6 +107,26 @@ pub(super) fn near_limits(next: &Plane, [low, high]: [f32; 2], near: &mut Vec<u8
         }
     }
     widen(near, width);
+    Ok(())
+}
+
+/// Write which pixels lie within a square of `radius` around one that does not count.
+pub(super) fn near_uncounted(counts: &Plane, radius: usize, near: &mut Vec<u8>) -> Result<()> {
+    let width = counts.width();
+    near.clear();
+    resize("pixels that do not count", near, width * counts.height(), 0)?;
+    for y in 0..counts.height() {
+        let row = &mut near[y * width..][..width];
+        for (near, counts) in row.iter_mut().zip(counts.row(y)) {
+            *near = u8::from(*counts == 0.0);
+        }
+    }
+    for _ in 0..radius {
+        widen(near, width);
+        for near in near.iter_mut() {
+            *near = u8::from(*near != 0);
+        }
+    }
     Ok(())
 }
 
