@@ -178,8 +178,8 @@ def test_a_mask_is_refused_in_the_words_of_the_core(bad: object) -> None:
 @pytest.mark.parametrize(
     ("check", "core"),
     [
-        (lambda word: knobs.preset(word), lambda word: _core.DenseFlow(word, "none", None)),
-        (lambda word: knobs.illumination(word), lambda word: _core.DenseFlow("fast", word, None)),
+        (lambda word: knobs.preset(word), lambda word: _core.DenseFlow(word, "none", None, False)),
+        (lambda word: knobs.illumination(word), lambda word: _core.DenseFlow("fast", word, None, False)),
     ],
 )
 def test_a_word_is_refused_in_the_words_of_the_core(check, core) -> None:  # type: ignore[no-untyped-def]

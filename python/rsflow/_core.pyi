@@ -83,12 +83,18 @@ def estimate_shift(
 ]: ...
 
 _FlowParts = tuple[
-    NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], int
+    NDArray[np.float32],
+    NDArray[np.bool_],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    int,
+    NDArray[np.float32] | None,
 ]
 
 @final
 class DenseFlow:
-    def __new__(cls, preset: str, illumination: str, max_displacement: float | None) -> Self: ...
+    def __new__(cls, preset: str, illumination: str, max_displacement: float | None, covariance: bool) -> Self: ...
     def pair(self, prev: object, next: object, initial: object, region: object, next_region: object) -> _FlowParts: ...
     def update(self, frame: object, initial: object, region: object, next_region: object) -> _FlowParts | None: ...
     def reset(self) -> None: ...

@@ -36,6 +36,10 @@ class FlowField:
         motion is near, and what is left after motion and light is small.
     residual : ndarray of float32, shape (H, W)
         Root mean square difference within the pixel's window after motion and light, in grey levels.
+    covariance : ndarray of float32, shape (H, W, 2, 2), or None
+        Covariance of x and y of `uv` in squared pixels, if it was asked for: infinite where the flow is not valid, NaN
+        where nothing was to be measured. Errors of pixels within some tens of pixels of each other are not independent:
+        the mean over a region is not surer by the root of its pixels.
 
     Examples
     --------
@@ -52,6 +56,7 @@ class FlowField:
     valid: NDArray[np.bool_]
     residual: NDArray[np.float32]
     _light: tuple[NDArray[np.float32], NDArray[np.float32], int] = field(repr=False)
+    covariance: NDArray[np.float32] | None = field(default=None, repr=False)
 
     @cached_property
     def gain(self) -> NDArray[np.float32]:
@@ -223,6 +228,7 @@ def dense_flow(
     initial: ArrayLike | FlowField | None = None,
     mask: NDArray[np.bool_] | None = None,
     next_mask: NDArray[np.bool_] | None = None,
+    covariance: bool = False,
 ) -> FlowField:
     """Where every pixel of `prev` went.
 
@@ -246,6 +252,8 @@ def dense_flow(
     next_mask : ndarray (H, W) of bool, optional
         The same of `next`: a pixel of `prev` that moves to one where it is False, or beside it, counts for nothing and
         is not `valid`. What stays with the sensor, a rim or letters, is given as both masks.
+    covariance : bool
+        Whether to say how far the flow of each pixel may be off (`FlowField.covariance`).
 
     Returns
     -------
@@ -277,12 +285,15 @@ def dense_flow(
     (80, 98, 2)
     >>> bool(np.abs(field.mean() - [1.5, -0.5]).max() < 0.02)
     True
+    >>> sure = rsflow.dense_flow(scene(x, y), scene(x - 1.5, y + 0.5), covariance=True)
+    >>> bool(np.sqrt(sure.covariance[40, 49, 0, 0]) < 0.05)
+    True
     """
-    options = (knobs.preset(preset), knobs.illumination(illumination), knobs.max_displacement(max_displacement))
+    options = _options(preset, illumination, max_displacement, covariance)
     before, after = _checks.pair(prev, next)
     start, where = _as_initial(initial), _checks.mask_or_none("mask", mask, before.shape)
     where_next = _checks.mask_or_none("next_mask", next_mask, before.shape)
-    return _field(_kept_core(*options, before.size).pair(before, after, start, where, where_next))
+    return _field(_kept_core(options, before.size).pair(before, after, start, where, where_next))
 
 
 # One estimator a thread is kept from call to call, for its memory. Frames of more pixels than this give theirs back
@@ -292,13 +303,25 @@ _KEPT_PIXELS = 1 << 21
 _kept = threading.local()
 
 
-def _kept_core(preset: str, illumination: str, max_displacement: float | None, pixels: int) -> _core.DenseFlow:
-    key = (preset, illumination, max_displacement, pixels if pixels > _KEPT_PIXELS else 0)
+def _options(
+    preset: object, illumination: object, max_displacement: object, covariance: object
+) -> tuple[str, str, float | None, bool]:
+    return (
+        knobs.preset(preset),
+        knobs.illumination(illumination),
+        knobs.max_displacement(max_displacement),
+        _checks.flag("covariance", covariance),
+    )
+
+
+def _kept_core(options: tuple[str, str, float | None, bool], pixels: int) -> _core.DenseFlow:
+    of_size = pixels if pixels > _KEPT_PIXELS else 0
+    key = (options, of_size)
     before, _kept.latest = getattr(_kept, "latest", None), key
-    if key[3] and key != before:
-        return _core.DenseFlow(preset, illumination, max_displacement)
+    if of_size and key != before:
+        return _core.DenseFlow(*options)
     if getattr(_kept, "key", None) != key:
-        _kept.core = _core.DenseFlow(preset, illumination, max_displacement)
+        _kept.core = _core.DenseFlow(*options)
         _kept.key = key
     core: _core.DenseFlow = _kept.core
     return core
@@ -311,7 +334,7 @@ class DenseFlow(Shared):
 
     Parameters
     ----------
-    preset, illumination, max_displacement
+    preset, illumination, max_displacement, covariance
         As in `dense_flow`.
     initial : array_like (H, W, 2) or FlowField, optional
         A flow to start from, for the first pair only.
@@ -338,8 +361,9 @@ class DenseFlow(Shared):
         initial: ArrayLike | FlowField | None = None,
         mask: NDArray[np.bool_] | None = None,
         next_mask: NDArray[np.bool_] | None = None,
+        covariance: bool = False,
     ) -> None:
-        options = (knobs.preset(preset), knobs.illumination(illumination), knobs.max_displacement(max_displacement))
+        options = _options(preset, illumination, max_displacement, covariance)
         self._options = options
         self._core = _core.DenseFlow(*options)
         self._initial = _as_initial(initial)
@@ -395,8 +419,8 @@ class DenseFlow(Shared):
 
 
 def _field(parts: _core._FlowParts) -> FlowField:
-    uv, valid, residual, gain, offset, halvings = parts
-    return FlowField(uv, valid, residual, (gain, offset, halvings))
+    uv, valid, residual, gain, offset, halvings, covariance = parts
+    return FlowField(uv, valid, residual, (gain, offset, halvings), covariance)
 
 
 def _as_initial(initial: ArrayLike | FlowField | None) -> NDArray[np.float32] | None:

@@ -1,8 +1,8 @@
 //! Dense flow for Python.
 
 use lk_core::{DenseHints, DenseOptions, DenseSnapshot, FlowField};
-use ndarray::{Ix2, Ix3};
-use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArray};
+use ndarray::{Ix2, Ix3, Ix4};
+use numpy::{PyArray2, PyArray3, PyArray4, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArray};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -14,7 +14,8 @@ use crate::shared::{Caller, Shared};
 use crate::states::{array_plane, entry, item, plane_array};
 use crate::{with_pair, with_view};
 
-/// uv, valid, residual, gain and offset on a coarse grid, and how many times that grid is halved.
+/// uv, valid, residual, gain and offset on a coarse grid, how many times that grid is halved, and the covariance if it was
+/// asked for.
 type Parts<'py> = (
     Bound<'py, PyArray3<f32>>,
     Bound<'py, PyArray2<bool>>,
@@ -22,6 +23,7 @@ type Parts<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<f32>>,
     usize,
+    Option<Bound<'py, PyArray4<f32>>>,
 );
 
 /// Dense flow of pairs, or from frame to frame.
@@ -31,13 +33,19 @@ pub(crate) struct DenseFlow(Shared<lk_core::DenseFlow>);
 #[pymethods]
 impl DenseFlow {
     #[new]
-    #[pyo3(signature = (preset, illumination, max_displacement))]
-    fn new(preset: &str, illumination: &str, max_displacement: Option<f32>) -> PyResult<Self> {
+    #[pyo3(signature = (preset, illumination, max_displacement, covariance))]
+    fn new(
+        preset: &str,
+        illumination: &str,
+        max_displacement: Option<f32>,
+        covariance: bool,
+    ) -> PyResult<Self> {
         let options = || -> lk_core::Result<DenseOptions> {
             Ok(DenseOptions::default()
                 .preset(preset.parse()?)
                 .illumination(illumination.parse()?)
-                .max_displacement(max_displacement))
+                .max_displacement(max_displacement)
+                .covariance(covariance))
         };
         let options = options().map_err(|error| to_python(&error))?;
         let fresh =
@@ -186,10 +194,17 @@ fn initial_flow<'py>(
     Ok(Some(array.map_err(|_| unfit())?))
 }
 
-fn parts(py: Python<'_>, field: FlowField) -> PyResult<Parts<'_>> {
+fn parts(py: Python<'_>, mut field: FlowField) -> PyResult<Parts<'_>> {
     let size = (field.height(), field.width());
     let (gain, offset, halvings) = field.light();
     let (gain, offset) = (plane_array(py, gain)?, plane_array(py, offset)?);
+    let covariance = match field.covariance() {
+        Some(_) => {
+            let covariance = field.take_covariance();
+            Some(owned(py, Ix4(size.0, size.1, 2, 2), covariance)?)
+        }
+        None => None,
+    };
     let (uv, valid, residual) = field.into_vectors();
     Ok((
         owned(py, Ix3(size.0, size.1, 2), uv)?,
@@ -198,5 +213,6 @@ fn parts(py: Python<'_>, field: FlowField) -> PyResult<Parts<'_>> {
         gain,
         offset,
         halvings,
+        covariance,
     ))
 }

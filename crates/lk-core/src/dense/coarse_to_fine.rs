@@ -10,6 +10,7 @@ use crate::pyramid::Pyramid;
 use super::block_matching::Matching;
 use super::chance::Count;
 use super::confidence::Judged;
+use super::covariance::Cells;
 use super::fill::Fill;
 use super::light::Light;
 use super::looks::Looks;
@@ -56,6 +57,7 @@ pub(super) struct Memory {
     pub(super) trend: Trend,
     pub(super) samples: Samples,
     pub(super) counts: Vec<Count>,
+    pub(super) cells: Cells,
     /// What the windows of the level that was filled in last say.
     pub(super) sureness: Sureness,
     pub(super) fill: Fill,

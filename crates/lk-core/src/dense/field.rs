@@ -12,6 +12,8 @@ pub struct FlowField {
     pub(super) uv: Vec<f32>,
     pub(super) valid: Vec<bool>,
     pub(super) residual: Vec<f32>,
+    /// Empty where it was not asked for.
+    pub(super) covariance: Vec<f32>,
     pub(super) gain: Plane,
     pub(super) offset: Plane,
     pub(super) halvings: usize,
@@ -48,6 +50,21 @@ impl FlowField {
         &self.residual
     }
 
+    /// The covariance of u and v of every pixel, row by row, uu, uv, vu, vv in squared pixels; infinite where the flow is not
+    /// valid, NaN where nothing was to be measured. `None` if it was not asked for ([`DenseOptions::covariance`]).
+    ///
+    /// [`DenseOptions::covariance`]: crate::DenseOptions::covariance
+    #[must_use]
+    pub fn covariance(&self) -> Option<&[f32]> {
+        (self.covariance.len() == 4 * self.valid.len()).then_some(&self.covariance)
+    }
+
+    /// The covariance as a vector, without a copy; empty if it was not asked for.
+    #[must_use]
+    pub fn take_covariance(&mut self) -> Vec<f32> {
+        std::mem::take(&mut self.covariance)
+    }
+
     /// Gain and offset of the light, `next = gain * prev + offset`, on a grid whose pixel (x, y) sits over pixel
     /// (2^k x, 2^k y) of the frame, and k.
     #[must_use]
@@ -80,10 +97,20 @@ impl FlowField {
         Ok(())
     }
 
+    /// Take the size that belongs to the field; what it holds is unspecified until it is written.
+    pub(super) fn resize_covariance(&mut self) -> Result<()> {
+        let wanted = 4 * self.valid.len();
+        if self.covariance.len() != wanted {
+            self.covariance = zeros("covariances", wanted)?;
+        }
+        Ok(())
+    }
+
     /// Nothing is measured.
     pub(super) fn clear(&mut self) {
         self.uv.fill(f32::NAN);
         self.valid.fill(false);
         self.residual.fill(f32::NAN);
+        self.covariance.fill(f32::NAN);
     }
 }

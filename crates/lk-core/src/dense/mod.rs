@@ -11,7 +11,7 @@
 //! ([`block_matching`]). Whether either may be called for is asked beside the coarsest levels ([`looks`]). The
 //! last step or round also judges how well its windows fit ([`confidence`]), a coarse level says whether the flow is supported
 //! where the finest one cannot ([`support`]), and what is not to be trusted is marked ([`validity`]), or fits by chance
-//! ([`chance`]).
+//! ([`chance`]); how far the rest may be off is found if asked for ([`covariance`]).
 //!
 //! What steps and rounds of refinement share is a stream of rows of window sums ([`windows`]): warped ([`warp`]), summed
 //! down ([`sum_down`]) and across ([`moments`]), in strips of columns where the picture is wide ([`tiles`]).
@@ -43,6 +43,7 @@ mod block_matching;
 mod chance;
 mod coarse_to_fine;
 mod confidence;
+mod covariance;
 mod field;
 mod fill;
 mod gaps;
@@ -316,6 +317,11 @@ impl DenseFlow {
         let base = &prev.pyramid.levels()[0];
         let (width, height) = (base.width(), base.height());
         field.resize(width, height)?;
+        if options.covariance {
+            field.resize_covariance()?;
+        } else {
+            field.covariance = Vec::new();
+        }
         if width < 2 || height < 2 {
             field.clear();
             return Ok(());
@@ -361,6 +367,7 @@ impl DenseFlow {
             trend,
             counts,
             near,
+            cells,
             ..
         } = memory;
         let input = Views {
@@ -392,7 +399,13 @@ impl DenseFlow {
         if let Some(most) = options.max_displacement {
             large_motion::refuse_longer(field, most);
         }
-        chance::clear(field, judged, counts)
+        chance::clear(field, judged, counts)?;
+        if options.covariance {
+            let finest = options.recipe.finest;
+            let of_windows = (&*judged, &prev.pyramid.levels()[0]);
+            covariance::write(field, of_windows, finest, cells, execution)?;
+        }
+        Ok(())
     }
 }
 

@@ -264,6 +264,7 @@ pub struct DenseOptions {
     pub(super) recipe: Recipe,
     pub(super) illumination: Illumination,
     pub(super) max_displacement: Option<f32>,
+    pub(super) covariance: bool,
     pub(super) execution: Execution,
 }
 
@@ -273,6 +274,7 @@ impl Default for DenseOptions {
             recipe: Recipe::new(Preset::default()),
             illumination: Illumination::default(),
             max_displacement: None,
+            covariance: false,
             execution: Execution::default(),
         }
     }
@@ -298,6 +300,15 @@ impl DenseOptions {
     #[must_use]
     pub fn max_displacement(mut self, pixels: Option<f32>) -> Self {
         self.max_displacement = pixels;
+        self
+    }
+
+    /// Whether to say how far the flow of each pixel may be off ([`FlowField::covariance`]); not by default.
+    ///
+    /// [`FlowField::covariance`]: crate::FlowField::covariance
+    #[must_use]
+    pub fn covariance(mut self, wanted: bool) -> Self {
+        self.covariance = wanted;
         self
     }
 

@@ -1,0 +1,349 @@
+//! How far the flow of each pixel may be off.
+//!
+//! Two things are known of that. A window of the last step or round says what noise does: its mean squared difference over
+//! its structure tensor. And the flow itself says the rest: what smoothness has spread over tens of pixels, and what a blur,
+//! a change of light or weak texture bends, shows in second differences of the flow that are far apart, which are 0 for any
+//! affine motion. Of those along both axes the geometric mean is taken, as an edge of motion shows along one alone. The
+//! constants are fitted to photographs under 18 kinds of motion, light and noise (`docs/dense_flow_record.md`).
+//!
+//! All of it is found in cells of 4 x 4 and blocks of 8 x 8 pixels.
+
+use crate::error::Result;
+use crate::execution::Execution;
+use crate::frame::Plane;
+use crate::memory::resize;
+use crate::parallel::{RowsMut, even_bands, for_each_band};
+
+use super::confidence::Judged;
+use super::field::FlowField;
+
+/// Pixels along each side of a cell.
+const CELL: usize = 4;
+/// Pixels along each side of a block, in which second differences are found: a few cells.
+const BLOCK: usize = 2 * CELL;
+/// Blocks between the places of a second difference.
+const APART: usize = 4;
+/// Half the square over which second differences are averaged, in blocks, and that of what windows say, in cells.
+const AROUND: usize = 2;
+const WINDOWS: usize = 1;
+
+/// The variance of a flow over the mean squared difference of its window and the inverse of the mean structure tensor: one
+/// over the pixels that smoothness makes one.
+const NOISE: f32 = 0.0021;
+/// Mean squared differences that no residual shows, in squared grey levels: what rounding leaves.
+const UNSEEN: f32 = 0.01;
+/// Texture that smoothness stands for, in squared grey levels.
+const SMOOTHNESS: f32 = 0.3;
+/// The variance over a sixth of the mean squared second difference.
+const ROUGHNESS: f32 = 0.95;
+/// The least variance, in squared pixels: interpolation errs by that and more, and alike everywhere, where the whole picture
+/// moves by the same part of a pixel.
+const LEAST: f32 = 2.5e-5;
+/// Flow that is interpolated from the level of half the size is off by more than it shows: how many times the variance is
+/// what it seems, and what is added to it, in squared pixels.
+const INTERPOLATED: [f32; 2] = [1.5, 4e-4];
+
+/// Memory, of the cells and blocks of a frame.
+#[derive(Debug, Default)]
+pub(super) struct Cells {
+    /// Mean squared difference, and the structure tensor: xx, xy, yy.
+    said: [Vec<f32>; 4],
+    /// Of the blocks, as the rest.
+    flow: [Vec<f32>; 2],
+    /// Mean squared second differences of u along x and y, and of v.
+    rough: [Vec<f32>; 4],
+    spare: Vec<f32>,
+    /// Of the cells: of u, of u and v, of v.
+    variances: Vec<[f32; 3]>,
+}
+
+/// Write the covariance of `field`, of whose pixels `valid` is known, from `prev` and what was said of its windows; `finest` is
+/// the finest level that was measured.
+pub(super) fn write(
+    field: &mut FlowField,
+    (judged, prev): (&Judged, &Plane),
+    finest: usize,
+    cells: &mut Cells,
+    execution: &Execution,
+) -> Result<()> {
+    let (width, height) = (field.width, field.height);
+    field.resize_covariance()?;
+    cells.measure(field, judged, prev)?;
+    if finest > 0 {
+        let [times, more] = INTERPOLATED;
+        for [xx, xy, yy] in &mut cells.variances {
+            (*xx, *xy, *yy) = (times * *xx + more, times * *xy, times * *yy + more);
+        }
+    }
+    let columns = width.div_ceil(CELL);
+    let (uv, valid, variances) = (&field.uv, &field.valid, &cells.variances);
+    let min_rows = even_bands(execution, height, [16_384 / width, 4_096 / width]);
+    let output = RowsMut::new(&mut field.covariance, 4 * width);
+    for_each_band(execution, height, min_rows, output, |rows, mut part| {
+        for (local, y) in rows.enumerate() {
+            let (row, _) = part.row_mut(local).as_chunks_mut::<4>();
+            let of_cells = &variances[y / CELL * columns..][..columns];
+            for ((group, valid), [xx, xy, yy]) in row
+                .chunks_mut(CELL)
+                .zip(valid[y * width..][..width].chunks(CELL))
+                .zip(of_cells)
+            {
+                for (to, valid) in group.iter_mut().zip(valid) {
+                    *to = if *valid {
+                        [*xx, *xy, *xy, *yy]
+                    } else {
+                        [f32::INFINITY, 0.0, 0.0, f32::INFINITY]
+                    };
+                }
+            }
+            for (to, flow) in row.iter_mut().zip(uv[2 * y * width..].chunks_exact(2)) {
+                if flow[0].is_nan() {
+                    *to = [f32::NAN; 4];
+                }
+            }
+        }
+    })
+}
+
+impl Cells {
+    fn measure(&mut self, field: &FlowField, judged: &Judged, prev: &Plane) -> Result<()> {
+        let size = (field.width.div_ceil(CELL), field.height.div_ceil(CELL));
+        self.read_windows(judged, prev, size)?;
+        for cells in &mut self.said {
+            box_mean(cells, &mut self.spare, size, WINDOWS)?;
+        }
+        let blocks = (field.width.div_ceil(BLOCK), field.height.div_ceil(BLOCK));
+        self.read_flow(field, blocks)?;
+        let masked = self.flow[0].iter().any(|value| value.is_nan());
+        for (k, rough) in self.rough.iter_mut().enumerate() {
+            second_differences(&self.flow[k / 2], blocks, k % 2, rough)?;
+            if masked {
+                carry(rough, blocks.0);
+            }
+            box_mean(rough, &mut self.spare, blocks, AROUND)?;
+        }
+        resize("variances", &mut self.variances, size.0 * size.1, [0.0; 3])?;
+        let [energy, xx, xy, yy] = self.said.each_ref();
+        let [ux, uy, vx, vy] = self.rough.each_ref();
+        for (k, variances) in self.variances.iter_mut().enumerate() {
+            let (xx, xy, yy) = (xx[k] + SMOOTHNESS, xy[k], yy[k] + SMOOTHNESS);
+            let noise = NOISE * (energy[k] + UNSEEN) / (xx * yy - xy * xy);
+            let block = k / size.0 * CELL / BLOCK * blocks.0 + k % size.0 * CELL / BLOCK;
+            let [u, v] = [ux[block] * uy[block], vx[block] * vy[block]]
+                .map(|product| ROUGHNESS * product.sqrt() + LEAST);
+            *variances = [noise * yy + u, -noise * xy, noise * xx + v];
+            if !variances.iter().all(|variance| variance.is_finite()) {
+                *variances = [f32::INFINITY, 0.0, f32::INFINITY];
+            }
+        }
+        Ok(())
+    }
+
+    /// The mean squared difference and the structure tensor of each cell, from one pixel in each 2 x 2.
+    fn read_windows(
+        &mut self,
+        judged: &Judged,
+        prev: &Plane,
+        (columns, rows): (usize, usize),
+    ) -> Result<()> {
+        for cells in &mut self.said {
+            resize("structure tensors", cells, columns * rows, 0.0)?;
+            cells.fill(0.0);
+        }
+        let (width, height) = (prev.width(), prev.height());
+        for (cell_y, row_of_cells) in (0..rows).map(|y| (y, y * columns)) {
+            let [energies, all_xx, all_xy, all_yy] = self
+                .said
+                .each_mut()
+                .map(|cells| &mut cells[row_of_cells..][..columns]);
+            for y in (CELL * cell_y..height).step_by(2).take(CELL / 2) {
+                let (above, row) = (prev.row(y.saturating_sub(1)), prev.row(y));
+                let below = prev.row((y + 1).min(height - 1));
+                let misfits = judged.misfit.row((y / 2).min(judged.misfit.height() - 1));
+                for x in (0..width).step_by(2) {
+                    let cell = x / CELL;
+                    let along = row[(x + 1).min(width - 1)] - row[x.saturating_sub(1)];
+                    let down = below[x] - above[x];
+                    let misfit = misfits[x / 2];
+                    energies[cell] += misfit * misfit;
+                    all_xx[cell] += along * along;
+                    all_xy[cell] += along * down;
+                    all_yy[cell] += down * down;
+                }
+            }
+            // Pixels in each 2 x 2 of a cell; those at the border may hold fewer.
+            let down = (height - CELL * cell_y).min(CELL).div_ceil(2);
+            for cell in 0..columns {
+                let across = (width - CELL * cell).min(CELL).div_ceil(2);
+                let share = ((down * across) as f32).recip();
+                energies[cell] *= share;
+                for products in [&mut *all_xx, &mut *all_xy, &mut *all_yy] {
+                    // Of differences of pixels that are two apart.
+                    products[cell] *= 0.25 * share;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The flow of the first pixel of each block.
+    fn read_flow(&mut self, field: &FlowField, (columns, rows): (usize, usize)) -> Result<()> {
+        for (axis, flow) in self.flow.iter_mut().enumerate() {
+            resize("a flow", flow, columns * rows, 0.0)?;
+            for (y, flow) in flow.chunks_exact_mut(columns).enumerate() {
+                let from = &field.uv[2 * y * BLOCK * field.width..][..2 * field.width];
+                for (flow, pixel) in flow.iter_mut().zip(from.chunks(2 * BLOCK)) {
+                    *flow = pixel[axis];
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A sixth of the square of `here` minus the half of both places [`APART`] from it along an axis, 0 for x, or as far as the frame
+/// is; at the border those of the nearest place that has both.
+fn second_differences(
+    flow: &[f32],
+    (columns, rows): (usize, usize),
+    axis: usize,
+    squares: &mut Vec<f32>,
+) -> Result<()> {
+    resize("second differences", squares, columns * rows, 0.0)?;
+    let (size, step) = if axis == 0 {
+        (columns, 1)
+    } else {
+        (rows, columns)
+    };
+    let apart = APART.min((size - 1) / 2);
+    for y in 0..rows {
+        for x in 0..columns {
+            let place = if axis == 0 { x } else { y };
+            let inside = place.clamp(apart, size - 1 - apart);
+            let at = (y * columns + x + inside * step) - place * step;
+            let second = flow[at + apart * step] + flow[at - apart * step] - 2.0 * flow[at];
+            // Errors of three places that do not depend on each other have 6 times the variance of one.
+            squares[y * columns + x] = second * second / 6.0;
+        }
+    }
+    Ok(())
+}
+
+/// Give cells that are not known, NaN, the value of the one before them in their row, or of the first that is known.
+fn carry(cells: &mut [f32], columns: usize) {
+    let first = |row: &[f32]| row.iter().copied().find(|value| !value.is_nan());
+    let mut last = f32::NAN;
+    for row in cells.chunks_exact_mut(columns) {
+        last = first(row).unwrap_or(last);
+        for value in row {
+            if value.is_nan() {
+                *value = last;
+            }
+            last = *value;
+        }
+    }
+    // Rows above the first that is known.
+    let Some(known) = first(cells) else { return };
+    for value in cells.iter_mut().take_while(|value| value.is_nan()) {
+        *value = known;
+    }
+}
+
+/// Replace each cell by the mean of those within `radius` along both axes; `spare` is memory.
+fn box_mean(
+    cells: &mut [f32],
+    spare: &mut Vec<f32>,
+    (columns, rows): (usize, usize),
+    radius: usize,
+) -> Result<()> {
+    let wide = columns + 2 * radius;
+    resize("sums of cells", spare, columns * rows + wide, 0.0)?;
+    let (across, padded) = spare.split_at_mut(columns * rows);
+    let padded = &mut padded[..wide];
+    padded.fill(0.0);
+    let within = |at: usize, size: usize| at.saturating_sub(radius)..(at + radius + 1).min(size);
+    for (from, to) in cells
+        .chunks_exact(columns)
+        .zip(across.chunks_exact_mut(columns))
+    {
+        padded[radius..radius + columns].copy_from_slice(from);
+        add_all(to, (0..=2 * radius).map(|k| &padded[k..k + columns]));
+        for (x, to) in to.iter_mut().enumerate() {
+            *to /= within(x, columns).len() as f32;
+        }
+    }
+    for (y, to) in cells.chunks_exact_mut(columns).enumerate() {
+        let near = within(y, rows);
+        let share = (near.len() as f32).recip();
+        add_all(to, near.map(|row| &across[row * columns..][..columns]));
+        for to in to {
+            *to *= share;
+        }
+    }
+    Ok(())
+}
+
+fn add_all<'a>(sums: &mut [f32], rows: impl Iterator<Item = &'a [f32]>) {
+    sums.fill(0.0);
+    for row in rows {
+        for (sum, value) in sums.iter_mut().zip(row) {
+            *sum += value;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_affine_flow_has_no_second_differences_and_an_edge_has_them_along_one_axis() {
+        let (columns, rows) = (40, 30);
+        let affine: Vec<f32> = (0..columns * rows)
+            .map(|k| 0.5 * (k % columns) as f32 - 0.25 * (k / columns) as f32)
+            .collect();
+        let edge: Vec<f32> = (0..columns * rows)
+            .map(|k| if k % columns < 17 { 0.0 } else { 3.0 })
+            .collect();
+        let mut squares = Vec::new();
+        for axis in [0, 1] {
+            second_differences(&affine, (columns, rows), axis, &mut squares).unwrap();
+            assert!(squares.iter().all(|square| *square < 1e-9));
+            second_differences(&edge, (columns, rows), axis, &mut squares).unwrap();
+            assert_eq!(squares.iter().any(|square| *square > 1.0), axis == 0);
+        }
+    }
+
+    #[test]
+    fn the_mean_is_that_of_the_cells_around() {
+        let (columns, rows, radius) = (9usize, 7usize, 2usize);
+        let before: Vec<f32> = (0..columns * rows).map(|k| (k * k % 11) as f32).collect();
+        let mut cells = before.clone();
+        box_mean(&mut cells, &mut Vec::new(), (columns, rows), radius).unwrap();
+        for y in 0..rows {
+            let down = y.saturating_sub(radius)..(y + radius + 1).min(rows);
+            for x in 0..columns {
+                let across = x.saturating_sub(radius)..(x + radius + 1).min(columns);
+                let count = (down.len() * across.len()) as f32;
+                let rows = down
+                    .clone()
+                    .map(|row| &before[row * columns..][across.clone()]);
+                let want = rows.flatten().sum::<f32>() / count;
+                assert!((cells[y * columns + x] - want).abs() < 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn cells_that_are_not_known_take_the_value_of_one_that_is() {
+        let unknown = f32::NAN;
+        let mut cells = [
+            unknown, unknown, unknown, 1.0, 2.0, unknown, unknown, unknown,
+        ];
+        carry(&mut cells, 2);
+        assert_eq!(cells, [1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0]);
+        let mut nothing = [unknown; 4];
+        carry(&mut nothing, 2);
+        assert!(nothing.iter().all(|value| value.is_nan()));
+    }
+}
