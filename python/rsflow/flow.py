@@ -243,8 +243,7 @@ def dense_flow(
         offset that vary slowly over the picture.
     max_displacement : float, optional
         The longest displacement to look for, a length in pixels: longer ones are not sought, and none is valid. By
-        default half the frame along each axis. Small values save time, and keep repetitive texture from being matched
-        far away.
+        default half the frame along each axis. Small values keep repetitive texture from being matched far away.
     initial : array_like (H, W, 2) or FlowField, optional
         A flow to start from; what lies within about 8 pixels of it is found. NaN is taken as zero.
     mask : ndarray (H, W) of bool, optional
