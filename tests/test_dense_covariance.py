@@ -96,3 +96,35 @@ def test_streams_and_threads_give_the_same_one() -> None:
 def test_an_odd_flag_is_refused() -> None:
     with pytest.raises(rsflow.OptionError, match="covariance"):
         rsflow.DenseFlow(covariance="yes")
+
+
+@pytest.mark.parametrize("size", [(7, 7), (12, 12), (16, 16), (17, 17), (30, 40), (12, 300)])
+def test_frames_too_small_to_tell_are_not_surer(size: tuple[int, int]) -> None:
+    prev, after, truth, _ = pair(photograph("gravel"), turned(0, 1, 1.3, -0.7), steady, 2)
+    over = []
+    for k in range(30):
+        top, left = 20 + 10 * k, 20 + (0 if size[1] > 200 else 12 * k)
+        rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
+        field = rsflow.dense_flow(prev[rows, columns], after[rows, columns], covariance=True)
+        assert field.covariance is not None
+        deviation = np.sqrt(field.covariance[field.valid][:, [0, 1], [0, 1]])
+        over.append((np.abs(field.uv - truth[rows, columns])[field.valid] / deviation).ravel())
+    all_over = np.concatenate(over)
+    assert (all_over < 2).mean() > 0.7, (all_over < 2).mean()
+    assert (all_over > 5).mean() < 0.1, (all_over > 5).mean()
+
+
+def test_bands_and_stripes_that_count_have_one() -> None:
+    prev, after, truth, _ = pair(photograph("camera"), turned(0, 1, 1.3, -0.7), steady, 1)
+    masks = np.zeros((3, *SIZE), np.bool_)
+    masks[0, 100:140] = True
+    masks[1] = True
+    masks[1, :, ::24] = False
+    masks[2, 100:180, 120:200] = True
+    for mask in masks:
+        field = rsflow.dense_flow(prev, after, mask=mask, covariance=True)
+        assert field.covariance is not None
+        assert field.valid.sum() > 1000
+        deviation = np.sqrt(field.covariance[field.valid][:, [0, 1], [0, 1]])
+        assert np.isfinite(deviation).all()
+        assert (np.abs(field.uv - truth)[field.valid] < 2 * deviation).mean() > 0.75

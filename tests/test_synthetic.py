@@ -343,3 +343,10 @@ def test_fog_takes_contrast_from_what_is_far_and_the_shutter_blurs() -> None:
 def test_layers_that_cannot_be_are_refused(kwargs: dict[str, object], text: str) -> None:
     with pytest.raises(OptionError, match=text):
         synthetic.layers_pair(**kwargs)
+
+
+@pytest.mark.parametrize("size", [(8, 8), (16, 16), (64, 30)])
+def test_small_layers_move_by_less(size: tuple[int, int]) -> None:
+    pair = synthetic.layers_pair(size=size, seed=2)
+    assert pair.prev.shape == size[::-1]
+    assert np.median(np.hypot(*pair.flow.transpose(2, 0, 1))) <= 0.25 * min(size) + 0.01

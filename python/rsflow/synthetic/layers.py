@@ -40,7 +40,7 @@ class LayersPair:
         Motion in pixels of what is at each pixel half-way through the exposure of `prev`, until half-way through that
         of `next`; where it leaves the frame or is hidden, too.
     visible : (height, width) bool
-        Where that is in `next`, inside of the frame and not hidden.
+        Where that is in `next`, inside of the frame (of its pixels, half of one beyond their centres) and not hidden.
     layer : (height, width) int64
         What is seen in `prev`: 0 the ground, then the things from the farthest to the nearest.
 
@@ -122,7 +122,7 @@ class _Layer:
 def layers_pair(
     *,
     size: tuple[int, int] = (640, 480),
-    median_px: float = WITH_PX,
+    median_px: float | None = None,
     things: int = 8,
     shutter: float = 0.4,
     fog: float = 0.7,
@@ -138,11 +138,12 @@ def layers_pair(
     Parameters
     ----------
     size : (int, int)
-        Width and height in pixels.
-    median_px : float
-        Length of the motion vectors of `prev`, in pixels: their median.
+        Width and height in pixels, 8 to 10,000.
+    median_px : float, optional
+        Length of the motion vectors of `prev`, in pixels: their median, at most the shorter side of the frame. By default
+        27, and less where that is more than a quarter of the shorter side.
     things : int
-        How many things there are over the ground.
+        How many things there are over the ground, 0 to 1000.
     shutter : float
         Share of the time between two frames that each is exposed; 0: no blur by motion.
     fog : float
@@ -172,6 +173,8 @@ def layers_pair(
     True
     """
     size = _checks.size("size", size, least=8, most=10_000)
+    if median_px is None:
+        median_px = min(WITH_PX, 0.25 * min(size))
     median_px = _checks.number("median_px", median_px, least=0, most=min(size), of="pixels")
     things = _checks.integer("things", things, least=0, most=1_000)
     shutter = _checks.number("shutter", shutter, least=0, most=1)

@@ -36,6 +36,8 @@ const UNSEEN: f32 = 0.01;
 const SMOOTHNESS: f32 = 0.3;
 /// The variance over a sixth of the mean squared second difference.
 const ROUGHNESS: f32 = 0.95;
+/// Its place where no second difference is known, in squared pixels: frames of two blocks have errors like that.
+const UNKNOWN: f32 = 0.0225;
 /// The least variance, in squared pixels: interpolation errs by that and more, and alike everywhere, where the whole picture
 /// moves by the same part of a pixel.
 const LEAST: f32 = 2.5e-5;
@@ -114,10 +116,9 @@ impl Cells {
         }
         let blocks = (field.width.div_ceil(BLOCK), field.height.div_ceil(BLOCK));
         self.read_flow(field, blocks)?;
-        let masked = self.flow[0].iter().any(|value| value.is_nan());
         for (k, rough) in self.rough.iter_mut().enumerate() {
             second_differences(&self.flow[k / 2], blocks, k % 2, rough)?;
-            if masked {
+            if rough.iter().any(|square| square.is_nan()) {
                 carry(rough, blocks.0);
             }
             box_mean(rough, &mut self.spare, blocks, AROUND)?;
@@ -129,8 +130,8 @@ impl Cells {
             let (xx, xy, yy) = (xx[k] + SMOOTHNESS, xy[k], yy[k] + SMOOTHNESS);
             let noise = NOISE * (energy[k] + UNSEEN) / (xx * yy - xy * xy);
             let block = k / size.0 * CELL / BLOCK * blocks.0 + k % size.0 * CELL / BLOCK;
-            let [u, v] = [ux[block] * uy[block], vx[block] * vy[block]]
-                .map(|product| ROUGHNESS * product.sqrt() + LEAST);
+            let [u, v] = [[ux[block], uy[block]], [vx[block], vy[block]]]
+                .map(|[x, y]| ROUGHNESS * both_axes(x, y) + LEAST);
             *variances = [noise * yy + u, -noise * xy, noise * xx + v];
             if !variances.iter().all(|variance| variance.is_finite()) {
                 *variances = [f32::INFINITY, 0.0, f32::INFINITY];
@@ -186,14 +187,18 @@ impl Cells {
         Ok(())
     }
 
-    /// The flow of the first pixel of each block.
+    /// The flow of the first pixel of each block that has one.
     fn read_flow(&mut self, field: &FlowField, (columns, rows): (usize, usize)) -> Result<()> {
         for (axis, flow) in self.flow.iter_mut().enumerate() {
             resize("a flow", flow, columns * rows, 0.0)?;
             for (y, flow) in flow.chunks_exact_mut(columns).enumerate() {
                 let from = &field.uv[2 * y * BLOCK * field.width..][..2 * field.width];
-                for (flow, pixel) in flow.iter_mut().zip(from.chunks(2 * BLOCK)) {
-                    *flow = pixel[axis];
+                for (flow, pixels) in flow.iter_mut().zip(from.chunks(2 * BLOCK)) {
+                    let mut known = pixels[axis..].iter().step_by(2);
+                    *flow = known
+                        .find(|value| !value.is_nan())
+                        .copied()
+                        .unwrap_or(f32::NAN);
                 }
             }
         }
@@ -201,8 +206,9 @@ impl Cells {
     }
 }
 
-/// A sixth of the square of `here` minus the half of both places [`APART`] from it along an axis, 0 for x, or as far as the frame
-/// is; at the border those of the nearest place that has both.
+/// A sixth of the squared second difference of each block along an axis, 0 for x, at the border that of the nearest block
+/// that has both others. Where the frame or what counts of it does not reach [`APART`] blocks, blocks that are nearer are
+/// taken: less shows there, and counts for more. NaN where there are none.
 fn second_differences(
     flow: &[f32],
     (columns, rows): (usize, usize),
@@ -215,18 +221,33 @@ fn second_differences(
     } else {
         (rows, columns)
     };
-    let apart = APART.min((size - 1) / 2);
-    for y in 0..rows {
-        for x in 0..columns {
-            let place = if axis == 0 { x } else { y };
-            let inside = place.clamp(apart, size - 1 - apart);
-            let at = (y * columns + x + inside * step) - place * step;
-            let second = flow[at + apart * step] + flow[at - apart * step] - 2.0 * flow[at];
-            // Errors of three places that do not depend on each other have 6 times the variance of one.
-            squares[y * columns + x] = second * second / 6.0;
-        }
+    let farthest = APART.min((size - 1) / 2);
+    for (index, square) in squares[..columns * rows].iter_mut().enumerate() {
+        let place = index / step % size;
+        *square = (1..=farthest)
+            .rev()
+            .map(|apart| {
+                let inside = place.clamp(apart, size - 1 - apart);
+                let at = index + inside * step - place * step;
+                let second = flow[at + apart * step] + flow[at - apart * step] - 2.0 * flow[at];
+                // Errors of three places that do not depend on each other have 6 times the variance of one.
+                second * second / 6.0 * (APART / apart) as f32
+            })
+            .find(|square| square.is_finite())
+            .unwrap_or(f32::NAN);
     }
     Ok(())
+}
+
+/// The mean of both axes in such a way that what shows along one alone, an edge, counts little; where one is not known the
+/// other, where neither is a guess.
+fn both_axes(x: f32, y: f32) -> f32 {
+    match (x.is_nan(), y.is_nan()) {
+        (false, false) => (x * y).sqrt(),
+        (true, false) => y,
+        (false, true) => x,
+        (true, true) => UNKNOWN,
+    }
 }
 
 /// Give cells that are not known, NaN, the value of the one before them in their row, or of the first that is known.
@@ -306,12 +327,37 @@ mod tests {
             .map(|k| if k % columns < 17 { 0.0 } else { 3.0 })
             .collect();
         let mut squares = Vec::new();
+        let mut holed = affine.clone();
+        for index in (0..columns * rows).filter(|k| k % columns % 3 == 0) {
+            holed[index] = f32::NAN;
+        }
         for axis in [0, 1] {
+            // Blocks that are 4 apart are not all known anywhere, those that are 3 apart are.
+            second_differences(&holed, (columns, rows), axis, &mut squares).unwrap();
+            let known = squares.iter().filter(|square| !square.is_nan());
+            assert!(known.clone().count() > columns * rows / 2);
+            assert!(known.into_iter().all(|square| *square < 1e-9));
             second_differences(&affine, (columns, rows), axis, &mut squares).unwrap();
             assert!(squares.iter().all(|square| *square < 1e-9));
             second_differences(&edge, (columns, rows), axis, &mut squares).unwrap();
             assert_eq!(squares.iter().any(|square| *square > 1.0), axis == 0);
         }
+    }
+
+    #[test]
+    fn two_blocks_do_not_tell() {
+        let mut squares = Vec::new();
+        second_differences(&[1.0, 2.0], (2, 1), 0, &mut squares).unwrap();
+        assert!(squares.iter().all(|square| square.is_nan()));
+        assert_eq!(both_axes(f32::NAN, f32::NAN), UNKNOWN);
+        assert_eq!(
+            [
+                both_axes(4.0, 9.0),
+                both_axes(f32::NAN, 9.0),
+                both_axes(4.0, f32::NAN)
+            ],
+            [6.0, 9.0, 4.0]
+        );
     }
 
     #[test]

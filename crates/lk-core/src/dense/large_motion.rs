@@ -29,9 +29,6 @@ const MOST: usize = 12;
 /// Half the windows over which misfit is compared: what one pixel of the level says of a displacement is chance.
 const SUPPORT: usize = 3;
 
-/// A vector may be measured longer than it is by this much, in pixels.
-const ROUNDING: f32 = 0.5;
-
 /// Half the windows whose contrast is measured, and the distance from one to the next.
 const RADIUS: usize = 3;
 
@@ -155,11 +152,10 @@ impl Memory {
     }
 }
 
-/// What is longer than `most` is not valid, but for a rounding of the steps that led there.
+/// What is longer than `most` is not valid.
 pub(super) fn refuse_longer(field: &mut FlowField, most: f32) {
-    let longest = most + ROUNDING;
     for (valid, uv) in field.valid.iter_mut().zip(field.uv.chunks_exact(2)) {
-        *valid &= uv[0].hypot(uv[1]) <= longest;
+        *valid &= uv[0].hypot(uv[1]) <= most;
     }
 }
 
