@@ -162,8 +162,8 @@ def estimate_shift(
         or a shear; `Shift.gradient` then says how.
     max_displacement : float, optional
         The longest displacement to look for, a length in pixels: longer ones are not sought, and none that is longer by
-        half a pixel is valid. By default half the window along each axis. A pattern that repeats within this reach is `ShiftStatus.AMBIGUOUS`:
-        below half a period it is measured.
+        half a pixel is valid. By default half the window along each axis. A pattern that repeats within this reach is
+        `ShiftStatus.AMBIGUOUS`: below half a period it is measured.
 
     Returns
     -------

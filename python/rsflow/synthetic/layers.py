@@ -140,8 +140,8 @@ def layers_pair(
     size : (int, int)
         Width and height in pixels, 8 to 10,000.
     median_px : float, optional
-        Length of the motion vectors of `prev`, in pixels: their median, at most the shorter side of the frame. By default
-        27, and less where that is more than a quarter of the shorter side.
+        Length of the motion vectors of `prev`, in pixels: their median, at most the shorter side of the frame. By
+        default 27, and less where that is more than a quarter of the shorter side.
     things : int
         How many things there are over the ground, 0 to 1000.
     shutter : float
