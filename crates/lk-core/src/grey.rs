@@ -1,6 +1,6 @@
 //! The range of a frame's grey levels, and the scale that brings it to where thresholds in grey levels hold.
 
-use ndarray::ArrayView1;
+use ndarray::{ArrayView1, ArrayView2, s};
 
 use crate::frame::{Frame, Pixel};
 use crate::simd::{Kernel, Level, dispatch};
@@ -24,8 +24,29 @@ pub(crate) struct Greys {
 }
 
 impl Greys {
+    /// Of the pixels that `mask` keeps.
+    pub(crate) fn among<T: Pixel>(frame: Frame<'_, T>, mask: Option<ArrayView2<'_, bool>>) -> Self {
+        let Some(mask) = mask else {
+            return Self::of(frame);
+        };
+        let mut greys = Self::of_none();
+        for (pixels, mask) in frame.rows().into_iter().zip(mask.rows()) {
+            let mut run = 0;
+            for (x, counts) in mask.iter().enumerate() {
+                if *counts {
+                    run += 1;
+                } else if run > 0 {
+                    greys.scan(pixels.slice(s![x - run..x]));
+                    run = 0;
+                }
+            }
+            greys.scan(pixels.slice(s![mask.len() - run..]));
+        }
+        greys
+    }
+
     /// Of no pixel.
-    pub(crate) fn of_none() -> Self {
+    fn of_none() -> Self {
         Self {
             extremes: None,
             finite: true,
@@ -56,8 +77,7 @@ impl Greys {
         Self { extremes, finite }
     }
 
-    /// Take in more pixels.
-    pub(crate) fn scan<T: Pixel>(&mut self, pixels: ArrayView1<'_, T>) {
+    fn scan<T: Pixel>(&mut self, pixels: ArrayView1<'_, T>) {
         let found = pixels.as_slice().and_then(finite_extremes);
         if let Some(found) = found {
             self.include(found);
@@ -176,7 +196,7 @@ impl<T: Pixel> Kernel for Scan<'_, T> {
 
 #[cfg(test)]
 mod tests {
-    use ndarray::{Array2, s};
+    use ndarray::Array2;
 
     use super::*;
 

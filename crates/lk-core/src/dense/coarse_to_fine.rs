@@ -73,8 +73,6 @@ pub(super) struct Memory {
     pub(super) weights: Vec<Plane>,
     /// 0 at pixels of `prev` that are masked or not finite.
     pub(super) given: Plane,
-    /// 0 at pixels of `next` that are masked or not finite.
-    pub(super) counted: Plane,
     /// 0 at pixels that count for nothing, clipped ones among them.
     pub(super) unclipped: Plane,
     /// Not 0 at pixels of `next` that are clipped, or beside one that is.

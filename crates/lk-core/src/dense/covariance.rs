@@ -59,7 +59,7 @@ pub(super) struct Cells {
     variances: Vec<[f32; 3]>,
 }
 
-/// Write the covariance of `field`, of whose pixels `valid` is known, from `prev` and what was said of its windows; `finest` is
+/// Write the covariance of `field`, which has room for it and of whose pixels `valid` is known, from `prev` and what was said of its windows; `finest` is
 /// the finest level that was measured.
 pub(super) fn write(
     field: &mut FlowField,
@@ -69,7 +69,6 @@ pub(super) fn write(
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (field.width, field.height);
-    field.resize_covariance()?;
     cells.measure(field, judged, prev)?;
     if finest > 0 {
         let [times, more] = INTERPOLATED;

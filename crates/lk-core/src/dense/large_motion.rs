@@ -9,7 +9,6 @@ use crate::frame::Plane;
 use crate::seeds::Seeds;
 
 use super::coarse_to_fine::{CoarseToFine, Memory};
-use super::field::FlowField;
 use super::padded_plane;
 use super::trend::Trend;
 
@@ -149,13 +148,6 @@ impl Memory {
                 kept[x] = kept[x].min(energy[x]);
             }
         }
-    }
-}
-
-/// What is longer than `most` is not valid.
-pub(super) fn refuse_longer(field: &mut FlowField, most: f32) {
-    for (valid, uv) in field.valid.iter_mut().zip(field.uv.chunks_exact(2)) {
-        *valid &= uv[0].hypot(uv[1]) <= most;
     }
 }
 

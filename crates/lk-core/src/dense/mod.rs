@@ -79,6 +79,7 @@ use ndarray::ArrayView2;
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, expect_size, pixels_of, scale_by};
+use crate::grey::Greys;
 use crate::parallel::{both, within_pool};
 
 pub use field::FlowField;
@@ -86,7 +87,7 @@ pub use options::{DenseHints, DenseOptions, Preset};
 pub use snapshot::DenseSnapshot;
 
 use coarse_to_fine::{CoarseToFine, Memory};
-use source::{Reading, Source, greys_of};
+use source::{Reading, Source};
 use windows::Views;
 
 /// A level is not halved below this, in pixels of its shorter side: the windows of the coarsest level must stay small
@@ -198,7 +199,7 @@ impl DenseFlow {
             if primed {
                 self.prev.mask_anew(reading(hints.mask), &execution)?;
             }
-            let greys = greys_of(frame, hints.next_mask);
+            let greys = Greys::among(frame, hints.next_mask);
             let scale = if primed { &self.prev.greys } else { &greys }.scale();
             self.next
                 .read(frame, (greys, scale), reading(hints.next_mask), &execution)?;
@@ -241,8 +242,8 @@ impl DenseFlow {
             let (mask, next_mask) = (hints.mask, hints.next_mask);
             let greys = both(
                 &execution,
-                || greys_of(prev, mask),
-                || greys_of(next, next_mask),
+                || Greys::among(prev, mask),
+                || Greys::among(next, next_mask),
             )?;
             let scale = greys.0.scale();
             let Self {
@@ -361,7 +362,6 @@ impl DenseFlow {
             halved,
             weights,
             given,
-            counted,
             judged,
             support,
             trend,
@@ -379,10 +379,8 @@ impl DenseFlow {
             weight: is_weighted.then(|| &weights[0]),
         };
         let given = weighted.then_some(&*given);
-        let counting = Some(&next.counts).filter(|plane| plane.width() > 0);
-        let bad = if hints.next_mask.is_some() || counting.is_some() {
-            weights::given(hints.next_mask, counting, (width, height), counted)?;
-            weights::near_uncounted(counted, validity::RADIUS, near)?;
+        let bad = if next.counts.width() > 0 {
+            weights::near_uncounted(&next.counts, validity::RADIUS, near)?;
             Some(near.as_slice())
         } else {
             None
@@ -397,7 +395,7 @@ impl DenseFlow {
             execution,
         )?;
         if let Some(most) = options.max_displacement {
-            large_motion::refuse_longer(field, most);
+            validity::refuse_longer(field, most);
         }
         chance::clear(field, judged, counts)?;
         if options.covariance {

@@ -1,6 +1,6 @@
 //! A frame, ready to be compared.
 
-use ndarray::{ArrayView2, s};
+use ndarray::ArrayView2;
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
@@ -53,9 +53,10 @@ impl Source {
                 .rebuild_smoothed(frame, levels, (scale, side), execution);
         }
         // What does not count is filled before it can spread.
-        self.pyramid
-            .rebuild_smoothed(frame, levels, (scale, 0.0), execution)?;
+        let (height, width) = frame.dim();
+        self.pyramid.resize([width, height], levels)?;
         let finest = &mut self.pyramid.levels_mut()[0];
+        finest.copy_scaled(frame, scale, execution)?;
         if let Some(mask) = mask {
             gaps::cut(finest, mask);
         }
@@ -81,7 +82,7 @@ impl Source {
         let raw = std::mem::take(&mut self.raw);
         let view = ArrayView2::from_shape((raw.height(), raw.width()), raw.data())
             .map_err(|error| Error::shape("frame", error.to_string(), "a whole plane"))?;
-        let greys = greys_of(view, reading.mask);
+        let greys = Greys::among(view, reading.mask);
         self.read(view, (greys, greys.scale()), reading, execution)?;
         self.raw = raw;
         Ok(())
@@ -112,25 +113,4 @@ impl Source {
         }
         self.scale = scale;
     }
-}
-
-/// The grey levels of the pixels that count.
-pub(super) fn greys_of<T: Pixel>(frame: Frame<'_, T>, mask: Option<ArrayView2<'_, bool>>) -> Greys {
-    let Some(mask) = mask else {
-        return Greys::of(frame);
-    };
-    let mut greys = Greys::of_none();
-    for (pixels, mask) in frame.rows().into_iter().zip(mask.rows()) {
-        let mut run = 0;
-        for (x, counts) in mask.iter().enumerate() {
-            if *counts {
-                run += 1;
-            } else if run > 0 {
-                greys.scan(pixels.slice(s![x - run..x]));
-                run = 0;
-            }
-        }
-        greys.scan(pixels.slice(s![mask.len() - run..]));
-    }
-    greys
 }

@@ -23,9 +23,9 @@ pub(super) const RADIUS: usize = 3;
 /// moves: part of it may be uncovered, and none of it is told from the other side for sure.
 const EDGE: f32 = 1.0;
 
-/// Fill `field` with the flow of `views` and with what its windows and those of a coarse level, `support`, said. `given` is 0 at pixels of `prev` that were not
-/// to be measured, `bad` is not 0 within [`RADIUS`] of those of `next` that do not count; `slopes` are those of most of the flow; `unit` is what one grey level
-/// of the planes is in those of the caller.
+/// Fill `field` with the flow of `views` and with what its windows and those of a coarse level, `support`, said. `given` is 0
+/// at pixels of `prev` that were not to be measured, `bad` is not 0 within [`RADIUS`] of those of `next` that do not count;
+/// `slopes` are those of most of the flow; `unit` is what one grey level of the planes is in those of the caller.
 pub(super) fn mark(
     views: Views<'_>,
     (judged, support): (&Judged, &PaddedPlane),
@@ -133,6 +133,13 @@ pub(super) fn mark(
             })
         },
     )
+}
+
+/// What is longer than `most` is not valid.
+pub(super) fn refuse_longer(field: &mut FlowField, most: f32) {
+    for (valid, uv) in field.valid.iter_mut().zip(field.uv.chunks_exact(2)) {
+        *valid &= uv[0].hypot(uv[1]) <= most;
+    }
 }
 
 /// What the even pixels of a row were found to be, and whether the flow around them is of one piece, for both pixels of

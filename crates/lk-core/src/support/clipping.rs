@@ -14,21 +14,18 @@ const PILE_SHARE: f64 = 0.001;
 /// share is below this share of the range. The edges of flat shapes in black and white are jumps.
 const SOFT_SHARE: f64 = 0.25;
 const SOFT_STEP: f32 = 0.125;
+
 /// The least and the largest grey level where those of `frame` are cut off.
 ///
 /// Bytes are cut off at 0 and 255. Deeper types hold the grey levels of sensors of many depths, and floats any range: the
 /// ends are those of the frame. At either end there must be a pile of them, with slopes that lead to it. What `mask` takes
-/// away says nothing of that.
+/// away says nothing of that: `greys` are those that it keeps.
 pub(super) fn limits<T: Pixel>(
     frame: Frame<'_, T>,
     mask: Option<ArrayView2<'_, bool>>,
     greys: &Greys,
 ) -> [Option<f32>; 2] {
-    let extremes = match mask {
-        Some(mask) => kept_extremes(frame, mask),
-        None => greys.extremes(),
-    };
-    let Some([low, high]) = extremes else {
+    let Some([low, high]) = greys.extremes() else {
         return [None; 2];
     };
     let reached = |end: f32, limit: f32| T::DEPTH != Some(8) || end == limit;
@@ -36,20 +33,6 @@ pub(super) fn limits<T: Pixel>(
     [(low, 0.0), (high, 255.0)].map(|(end, limit)| {
         (reached(end, limit) && high > low && piles_up(frame, mask, end, soft)).then_some(end)
     })
-}
-
-/// The least and the largest finite grey level that `mask` keeps.
-fn kept_extremes<T: Pixel>(frame: Frame<'_, T>, mask: ArrayView2<'_, bool>) -> Option<[f32; 2]> {
-    let mut found = [f32::INFINITY, f32::NEG_INFINITY];
-    for (row, keep) in frame.rows().into_iter().zip(mask.rows()) {
-        for (value, keep) in row.iter().zip(keep) {
-            let value = value.to_f32();
-            if *keep && value.is_finite() {
-                found = [found[0].min(value), found[1].max(value)];
-            }
-        }
-    }
-    (found[0] <= found[1]).then_some(found)
 }
 
 /// Whether grey levels that `mask` keeps pile up at `end`, within slopes whose steps are at most `soft`.

@@ -117,7 +117,7 @@ impl Support {
         mask: Option<ArrayView2<'_, bool>>,
         execution: &Execution,
     ) -> Result<()> {
-        let greys = Greys::of(frame);
+        let greys = Greys::among(frame, mask);
         let limits = limits(frame, mask, &greys);
         self.take_within(frame, mask, &greys, limits, execution)
     }
