@@ -13,7 +13,7 @@ pub mod shift;
 pub mod stream;
 pub mod track;
 
-use lk_core::{Execution, Level};
+use lk_core::{Execution, SimdLevel};
 
 /// Call a function that is generic over the pixel type with the one that a case asks for.
 macro_rules! by_depth {
@@ -29,12 +29,12 @@ use by_depth;
 
 /// One thread and the plainest instructions: what every other way to run is held to.
 fn plain() -> Execution {
-    Execution::default().threads(1).level(Level::Baseline)
+    Execution::default().threads(1).level(SimdLevel::Baseline)
 }
 
 /// Other ways to run: every CPU level, and more threads than this machine may have.
 fn others() -> impl Iterator<Item = Execution> {
-    let levels = Level::available().into_iter();
+    let levels = SimdLevel::available().into_iter();
     levels
         .zip([1, 2, 7].into_iter().cycle())
         .map(|(level, threads)| Execution::default().threads(threads).level(level))

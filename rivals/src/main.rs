@@ -102,7 +102,14 @@ fn lk_core(prev: &Array2<u8>, next: &Array2<u8>, options: TrackOptions) -> Track
         .levels(Some(LEVELS))
         .execution(Execution::default().threads(1));
     Box::new(move |points| {
-        let tracks = track_points(prev.view(), next.view(), points, None, Masks::default(), &options)?;
+        let tracks = track_points(
+            prev.view(),
+            next.view(),
+            points,
+            None,
+            Masks::default(),
+            &options,
+        )?;
         Ok(tracks
             .iter()
             .map(|track| track.is_valid().then_some(track.position))
@@ -197,8 +204,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             Texture::new(&[(0.25, 1.5), (0.5, 6.0), (0.9, 25.0)]),
         ),
     ];
-    let lights: [(&str, Light); 2] =
-        [("steady", |level| level), ("1.1 x", |level| 1.1 * level)];
+    let lights: [(&str, Light); 2] = [("steady", |level| level), ("1.1 x", |level| 1.1 * level)];
     println!("| texture, light, points | tracker | ms | median error, px | wrong | found |");
     println!("|---|---|---|---|---|---|");
     for (texture, scene) in &textures {

@@ -4,20 +4,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::{Error, Result};
-use crate::simd::Level;
+use crate::simd::SimdLevel;
 
 /// How a call runs. None of it changes a bit of the result.
 ///
 /// ```
-/// use lk_core::{Execution, Level};
+/// use lk_core::{Execution, SimdLevel};
 ///
-/// let plain = Execution::default().threads(1).level(Level::Baseline);
-/// assert_eq!(plain.simd_level(), Level::Baseline);
+/// let plain = Execution::default().threads(1).level(SimdLevel::Baseline);
+/// assert_eq!(plain.simd_level(), SimdLevel::Baseline);
 /// ```
 #[derive(Debug, Clone, Default)]
 pub struct Execution {
     threads: usize,
-    level: Option<Level>,
+    level: Option<SimdLevel>,
     cancel: Option<Arc<AtomicBool>>,
 }
 
@@ -31,8 +31,8 @@ impl Execution {
 
     /// Instructions to use; a level that this CPU lacks falls back to the best that it has.
     #[must_use]
-    pub fn level(mut self, level: Level) -> Self {
-        self.level = Some(level.min(Level::detected()));
+    pub fn level(mut self, level: SimdLevel) -> Self {
+        self.level = Some(level.min(SimdLevel::detected()));
         self
     }
 
@@ -55,8 +55,8 @@ impl Execution {
 
     /// Instructions that a call with this setting uses.
     #[must_use]
-    pub fn simd_level(&self) -> Level {
-        self.level.unwrap_or_else(Level::detected)
+    pub fn simd_level(&self) -> SimdLevel {
+        self.level.unwrap_or_else(SimdLevel::detected)
     }
 
     /// Whether there is a flag to look at.
@@ -73,7 +73,7 @@ impl Execution {
     pub fn check(&self) -> Result<()> {
         crate::parallel::check_threads(self.threads)?;
         if self.level.is_none() {
-            Level::of_environment()?;
+            SimdLevel::of_environment()?;
         }
         match &self.cancel {
             Some(flag) if flag.load(Ordering::Relaxed) => Err(Error::Cancelled),

@@ -3,7 +3,7 @@
 use ndarray::{ArrayView1, ArrayView2, s};
 
 use crate::frame::{Frame, Pixel};
-use crate::simd::{Kernel, Level, dispatch};
+use crate::simd::{Kernel, SimdLevel, dispatch};
 
 /// Ranges that are left alone: those of frames of 8 bits with some contrast.
 const ORDINARY: std::ops::RangeInclusive<f64> = 16.0..=512.0;
@@ -16,14 +16,14 @@ const PART: usize = 1 << 12;
 
 /// The extremes of the finite grey levels of a frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Greys {
+pub(crate) struct GreyRange {
     /// The least and the largest; `None` without a finite pixel.
     extremes: Option<[f32; 2]>,
     /// Whether every pixel is finite.
     finite: bool,
 }
 
-impl Greys {
+impl GreyRange {
     /// Of the pixels that `mask` keeps.
     pub(crate) fn among<T: Pixel>(frame: Frame<'_, T>, mask: Option<ArrayView2<'_, bool>>) -> Self {
         let Some(mask) = mask else {
@@ -72,7 +72,7 @@ impl Greys {
         (self.extremes, self.finite)
     }
 
-    /// From what [`Greys::parts`] gives.
+    /// From what [`GreyRange::parts`] gives.
     pub(crate) fn of_parts(extremes: Option<[f32; 2]>, finite: bool) -> Self {
         Self { extremes, finite }
     }
@@ -139,7 +139,7 @@ impl Greys {
 /// The extremes of `row`; `None` if it is empty or holds what is not finite.
 fn finite_extremes<T: Pixel>(row: &[T]) -> Option<[f32; 2]> {
     let first = *row.first()?;
-    let Extremes { low, high, nan } = dispatch(Level::detected(), Scan { row, first });
+    let Extremes { low, high, nan } = dispatch(SimdLevel::detected(), Scan { row, first });
     let (low, high) = (low.to_f32(), high.to_f32());
     (!nan && low.is_finite() && high.is_finite()).then_some([low, high])
 }
@@ -201,7 +201,7 @@ mod tests {
     use super::*;
 
     fn scale(range: f32) -> f32 {
-        Greys {
+        GreyRange {
             extremes: Some([0.0, range]),
             finite: true,
         }
@@ -228,35 +228,35 @@ mod tests {
             assert!(scale.is_normal() && scale.recip().is_normal(), "{range}");
             assert!(range < 1e-30 || (128.0..256.0).contains(&(range * scale)));
         }
-        let widest = Greys {
+        let widest = GreyRange {
             extremes: Some([f32::MIN, f32::MAX]),
             finite: true,
         };
         assert_eq!(widest.scale(), 2.0f32.powi(7 - 128));
-        assert_eq!(Greys::default().scale(), 1.0);
+        assert_eq!(GreyRange::default().scale(), 1.0);
     }
 
     #[test]
     fn extremes_are_those_of_the_finite_pixels() {
         for width in [1usize, 15, 16, 17, 40] {
             let frame = Array2::from_shape_fn((3, width), |(y, x)| (y * 50 + x) as f32 - 7.0);
-            let greys = Greys::of(frame.view());
+            let greys = GreyRange::of(frame.view());
             let most = (100 + width) as f32 - 8.0;
             assert_eq!(greys.extremes, Some([-7.0, most]));
             assert!(greys.stay_within(1.0, f32::MAX) && !greys.stay_within(f32::MAX, f32::MAX));
-            assert_eq!(greys, Greys::of(frame.slice(s![.., ..;-1])));
+            assert_eq!(greys, GreyRange::of(frame.slice(s![.., ..;-1])));
             for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
                 let mut frame = frame.clone();
                 frame[(1, width / 2)] = bad;
-                let greys = Greys::of(frame.view());
+                let greys = GreyRange::of(frame.view());
                 assert_eq!(greys.extremes, Some([-7.0, most]));
                 assert!(!greys.stay_within(1.0, f32::MAX));
             }
         }
-        let nothing = Greys::of(Array2::from_elem((2, 5), f32::NAN).view());
+        let nothing = GreyRange::of(Array2::from_elem((2, 5), f32::NAN).view());
         assert_eq!((nothing.extremes, nothing.scale()), (None, 1.0));
         assert!(!nothing.stay_within(1.0, f32::MAX));
         let bytes = Array2::from_shape_fn((4, 9), |(y, x)| (y * 9 + x) as u8);
-        assert_eq!(Greys::of(bytes.view()).extremes, Some([0.0, 35.0]));
+        assert_eq!(GreyRange::of(bytes.view()).extremes, Some([0.0, 35.0]));
     }
 }

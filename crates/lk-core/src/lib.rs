@@ -13,6 +13,7 @@ struct Readme;
 
 mod corners;
 mod dense;
+mod displacement_hypotheses;
 mod error;
 mod execution;
 mod frame;
@@ -25,7 +26,7 @@ mod presmooth;
 mod pyramid;
 mod sample;
 mod scratch;
-mod seeds;
+
 mod shift;
 mod simd;
 mod support;
@@ -43,7 +44,7 @@ pub use parallel::{MAX_THREADS, num_threads, set_num_threads};
 pub use pyramid::Pyramid;
 pub use sample::{Spline, bilinear};
 pub use shift::{Roi, Shift, ShiftDeformation, ShiftOptions, ShiftStatus, estimate_shift};
-pub use simd::Level;
+pub use simd::SimdLevel;
 pub use support::Masks;
 pub use track::{
     Deformation, PointStatus, PointTracker, PyrLkOptions, PyrLkPoint, StreamPoint, TrackOptions,

@@ -1,10 +1,10 @@
-//! Threads: only here and in [`awake`] is rayon named. Work is split into bands of rows or chunks of points.
+//! Threads: only here and in [`keep_warm`] is rayon named. Work is split into bands of rows or chunks of points.
 //!
 //! The pools belong to one process: after `fork()` the child builds its own. Where one thread is enough the work runs
 //! on the caller's thread and no pool is touched. A band never reads what another band writes, and no sum crosses a
 //! row, so the number of bands cannot change a bit of a result.
 
-mod awake;
+mod keep_warm;
 mod split;
 
 use std::ops::Range;
@@ -17,7 +17,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 
-use awake::{Call, join};
+use keep_warm::{Call, join};
 pub(crate) use split::{EvenRows, RowsMut, SplitRows};
 
 /// Shortest bands, of about 10 us or more each, between two looks at a cancel flag.
@@ -245,7 +245,7 @@ where
 }
 
 /// Call `work` where [`for_each_band`] with the same setting hands nothing over from outside of its pool, and keep the
-/// other threads of the pool awake for what it divides: to wake one costs tens of microseconds.
+/// other threads of the pool warm for what it divides: to wake one costs tens of microseconds.
 ///
 /// # Errors
 ///

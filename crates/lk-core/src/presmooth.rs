@@ -5,7 +5,7 @@ use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, read_row, scale_by};
 use crate::parallel::{even_bands, for_each_band};
 use crate::scratch::with_scratch;
-use crate::simd::{Kernel, Level, dispatch};
+use crate::simd::{Kernel, SimdLevel, dispatch};
 
 /// Rows under way.
 const RING: usize = 3;
@@ -95,7 +95,7 @@ fn smooth_rows(
 struct Smooth<'a> {
     rows: [&'a [f32]; 3],
     side: f32,
-    level: Level,
+    level: SimdLevel,
     /// The row smoothed down the columns, with one column on either side.
     down: &'a mut [f32],
     to: &'a mut [f32],
@@ -186,7 +186,7 @@ mod tests {
                 ((y * 57 + x * 131 + seed as usize % 1009) * 7919 % 256) as u8
             });
             let side = 0.2;
-            for level in Level::available() {
+            for level in SimdLevel::available() {
                 let execution = Execution::default().threads(threads).level(level);
                 let mut plane = Plane::default();
                 copy_smoothed(&mut plane, frame.view(), (2.0, side), &execution).unwrap();

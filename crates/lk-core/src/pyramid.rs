@@ -11,7 +11,7 @@ use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::parallel::{even_bands, for_each_band};
 use crate::presmooth::copy_smoothed;
 use crate::scratch::with_scratch;
-use crate::simd::{Kernel, Level, dispatch};
+use crate::simd::{Kernel, SimdLevel, dispatch};
 use crate::support::Support;
 
 /// The levels of one frame, the finest first. Memory is kept from frame to frame.
@@ -220,7 +220,7 @@ pub(crate) fn mirror(index: isize, size: usize) -> usize {
     }) as usize
 }
 
-fn reduce_row(level: Level, source: &Plane, y: usize, smoothed: &mut [f32], row: &mut [f32]) {
+fn reduce_row(level: SimdLevel, source: &Plane, y: usize, smoothed: &mut [f32], row: &mut [f32]) {
     let (width, height) = (source.width(), source.height());
     let rows =
         [-2isize, -1, 0, 1, 2].map(|offset| source.row(mirror(2 * y as isize + offset, height)));
@@ -314,7 +314,7 @@ mod tests {
             let frame = Array2::from_shape_fn((height, width), |(y, x)| {
                 ((y * 57 + x * 131 + seed as usize % 1009) * 7919 % 256) as u8
             });
-            for level in Level::available() {
+            for level in SimdLevel::available() {
                 let execution = Execution::default().threads(threads).level(level);
                 let pyramid = Pyramid::new(frame.view(), 4, &execution).unwrap();
                 let mut want = frame.mapv(f64::from);

@@ -18,7 +18,7 @@ pub(crate) use lanes::{Floats, LANES, Simd, blocks, blocks_mut};
 /// A set of vector instructions. Results do not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
-pub enum Level {
+pub enum SimdLevel {
     /// What every CPU of the architecture has: SSE2 on x86-64, NEON on aarch64.
     Baseline,
     /// AVX2 (x86-64).
@@ -27,7 +27,7 @@ pub enum Level {
     Avx512,
 }
 
-impl Level {
+impl SimdLevel {
     /// The best level of this CPU, or less where the environment variable `RSFLOW_CPU` says
     /// `baseline`, `avx2` or `avx512`. Read once; where it says anything else, every call that follows it fails.
     #[must_use]
@@ -42,7 +42,7 @@ impl Level {
     ///
     /// [`Error::Option`] where it says something that is no level.
     pub fn of_environment() -> Result<Self> {
-        static SAID: OnceLock<Result<Level>> = OnceLock::new();
+        static SAID: OnceLock<Result<SimdLevel>> = OnceLock::new();
         SAID.get_or_init(|| match std::env::var_os("RSFLOW_CPU") {
             Some(name) if !name.is_empty() => Self::named(&name.to_string_lossy()),
             _ => Ok(Self::of_this_cpu()),
@@ -87,11 +87,11 @@ impl Level {
     /// Asked by every dispatch: found once.
     #[inline]
     fn of_this_cpu() -> Self {
-        static FOUND: OnceLock<Level> = OnceLock::new();
-        *FOUND.get_or_init(Self::look)
+        static FOUND: OnceLock<SimdLevel> = OnceLock::new();
+        *FOUND.get_or_init(Self::detect)
     }
 
-    fn look() -> Self {
+    fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
             let avx2 = is_x86_feature_detected!("avx2");
@@ -121,15 +121,15 @@ pub(crate) trait Kernel {
 }
 
 /// Run `kernel` with the instructions of `level`.
-pub(crate) fn dispatch<K: Kernel>(level: Level, kernel: K) -> K::Output {
+pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
     {
-        match level.min(Level::of_this_cpu()) {
+        match level.min(SimdLevel::of_this_cpu()) {
             // SAFETY: `of_this_cpu` has found avx512f, bw, dq, vl and avx2 on this CPU.
-            Level::Avx512 => return unsafe { run_avx512(kernel) },
+            SimdLevel::Avx512 => return unsafe { run_avx512(kernel) },
             // SAFETY: `of_this_cpu` has found avx2 on this CPU.
-            Level::Avx2 => return unsafe { run_avx2(kernel) },
-            Level::Baseline => {}
+            SimdLevel::Avx2 => return unsafe { run_avx2(kernel) },
+            SimdLevel::Baseline => {}
         }
     }
     let _ = level;
@@ -143,15 +143,15 @@ pub(crate) trait LaneKernel {
 }
 
 /// Run `kernel` with the instructions of `level`.
-pub(crate) fn dispatch_lanes<K: LaneKernel>(level: Level, kernel: K) {
+pub(crate) fn dispatch_lanes<K: LaneKernel>(level: SimdLevel, kernel: K) {
     #[cfg(target_arch = "x86_64")]
     {
-        match level.min(Level::of_this_cpu()) {
+        match level.min(SimdLevel::of_this_cpu()) {
             // SAFETY: `of_this_cpu` has found avx512f, bw, dq, vl and avx2 on this CPU.
-            Level::Avx512 => return unsafe { lanes_avx512(kernel) },
+            SimdLevel::Avx512 => return unsafe { lanes_avx512(kernel) },
             // SAFETY: `of_this_cpu` has found avx2 on this CPU.
-            Level::Avx2 => return unsafe { lanes_avx2(kernel) },
-            Level::Baseline => {}
+            SimdLevel::Avx2 => return unsafe { lanes_avx2(kernel) },
+            SimdLevel::Baseline => {}
         }
     }
     let _ = level;
@@ -207,19 +207,19 @@ mod tests {
 
     #[test]
     fn levels_are_ordered_and_named() {
-        let levels = Level::available();
-        assert_eq!(levels[0], Level::Baseline);
+        let levels = SimdLevel::available();
+        assert_eq!(levels[0], SimdLevel::Baseline);
         assert!(levels.windows(2).all(|pair| pair[0] < pair[1]));
-        assert!(levels.contains(&Level::detected()));
-        assert_eq!(Level::Avx2.name(), "avx2");
+        assert!(levels.contains(&SimdLevel::detected()));
+        assert_eq!(SimdLevel::Avx2.name(), "avx2");
     }
 
     #[test]
     fn a_level_has_one_of_the_names_or_is_an_error() {
-        for level in Level::available() {
-            assert_eq!(Level::named(level.name()), Ok(level));
+        for level in SimdLevel::available() {
+            assert_eq!(SimdLevel::named(level.name()), Ok(level));
         }
-        let error = Level::named("avx1024").unwrap_err();
+        let error = SimdLevel::named("avx1024").unwrap_err();
         let want = "RSFLOW_CPU: got \"avx1024\", expected one of \"baseline\", \"avx2\", \"avx512\", or nothing";
         assert_eq!(error.to_string(), want);
     }
@@ -227,8 +227,8 @@ mod tests {
     #[test]
     fn every_level_gives_the_same_bits() {
         let data: Vec<f32> = (0..4096u16).map(|i| (f32::from(i) * 0.37).sin()).collect();
-        let want = dispatch(Level::Baseline, Sum(&data));
-        for level in Level::available() {
+        let want = dispatch(SimdLevel::Baseline, Sum(&data));
+        for level in SimdLevel::available() {
             assert_eq!(
                 dispatch(level, Sum(&data)).to_bits(),
                 want.to_bits(),

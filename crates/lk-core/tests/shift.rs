@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lk_core::{
-    Execution, Illumination, Level, Masks, Shift, ShiftDeformation, ShiftOptions, ShiftStatus,
+    Execution, Illumination, Masks, Shift, ShiftDeformation, ShiftOptions, ShiftStatus, SimdLevel,
     estimate_shift,
 };
 use ndarray::{Array2, s};
@@ -231,8 +231,8 @@ proptest! {
             let options = ShiftOptions::default().deformation(deformation).execution(execution);
             format!("{:?}", estimate_shift(prev.view(), next.view(), masks, &options).unwrap())
         };
-        let want = run(Execution::default().threads(1).level(Level::Baseline));
-        for level in Level::available() {
+        let want = run(Execution::default().threads(1).level(SimdLevel::Baseline));
+        for level in SimdLevel::available() {
             for threads in [1, 2, 7] {
                 prop_assert_eq!(&run(Execution::default().threads(threads).level(level)), &want);
             }

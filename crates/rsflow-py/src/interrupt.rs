@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use crate::errors::{caught, fault, to_python};
 
 /// Between two looks for a signal: a quarter of the 0.2 s within which Ctrl-C must be honoured.
-const LOOK_EVERY: Duration = Duration::from_millis(50);
+const SIGNAL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Calls over fewer pixels than this end well within 0.2 s and run on the caller's own thread.
 pub(crate) const LONG_CALL_PIXELS: usize = 1 << 20;
@@ -64,7 +64,7 @@ where
                 }
             };
             let mut interrupted = None;
-            while let Err(RecvTimeoutError::Timeout) = finished.recv_timeout(LOOK_EVERY) {
+            while let Err(RecvTimeoutError::Timeout) = finished.recv_timeout(SIGNAL_INTERVAL) {
                 if interrupted.is_none()
                     && let Err(error) = Python::attach(|py| py.check_signals())
                 {

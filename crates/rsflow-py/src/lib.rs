@@ -83,12 +83,13 @@ fn build_info(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
     let info = PyDict::new(py);
     info.set_item("version", env!("CARGO_PKG_VERSION"))?;
     info.set_item("cpu_level", {
-        let level = lk_core::Level::of_environment().map_err(|error| errors::to_python(&error))?;
+        let level =
+            lk_core::SimdLevel::of_environment().map_err(|error| errors::to_python(&error))?;
         level.name()
     })?;
-    let levels: Vec<_> = lk_core::Level::available()
+    let levels: Vec<_> = lk_core::SimdLevel::available()
         .into_iter()
-        .map(lk_core::Level::name)
+        .map(lk_core::SimdLevel::name)
         .collect();
     info.set_item("cpu_levels", levels)?;
     info.set_item("threads", lk_core::num_threads())?;

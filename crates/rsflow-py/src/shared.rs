@@ -11,9 +11,9 @@ use pyo3::prelude::*;
 
 use crate::errors::{raise, to_python};
 
-/// Looks at what another thread has before a thread sleeps between them, and for how long.
-const EAGER_LOOKS: usize = 64;
-const NAP: Duration = Duration::from_micros(100);
+/// Polls of a value that another thread has, yielding the CPU between them, before a thread sleeps, and for how long.
+const YIELDS: usize = 64;
+const SLEEP: Duration = Duration::from_micros(100);
 
 /// A value that one call has at a time.
 pub(crate) struct Shared<T> {
@@ -89,7 +89,7 @@ impl<T> Shared<T> {
         let slot = self.slot.load_full();
         let process = std::process::id();
         let me = u64::from(process) << 32 | u64::from(caller.0);
-        let mut looks = 0;
+        let mut polls = 0;
         while let Err(holder) =
             slot.holder
                 .compare_exchange(0, me, Ordering::Acquire, Ordering::Relaxed)
@@ -110,11 +110,11 @@ impl<T> Shared<T> {
                 ));
             }
             execution.check().map_err(|error| to_python(&error))?;
-            looks += 1;
-            if looks < EAGER_LOOKS {
+            polls += 1;
+            if polls < YIELDS {
                 std::thread::yield_now();
             } else {
-                std::thread::sleep(NAP);
+                std::thread::sleep(SLEEP);
             }
         }
         let _let_go = LetGo(&slot.holder);

@@ -3,12 +3,12 @@
 use super::options::CornerOptions;
 use crate::frame::Plane;
 use crate::pyramid::mirror;
-use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, dispatch, dispatch_eight};
+use crate::simd::{EIGHT, Eight, EightKernel, Kernel, SimdLevel, dispatch, dispatch_eight};
 use crate::support::{ABSENT, Support};
 
 /// The rows of one band: products of gradients of the last few rows, and their sums.
 pub(super) struct TensorRows<'a> {
-    level: Level,
+    level: SimdLevel,
     block: usize,
     harris: Option<f32>,
     width: usize,

@@ -7,7 +7,7 @@ use super::options::CornerOptions;
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::{reserve, reserve_more, resize};
-use crate::simd::{EIGHT, Eight, EightKernel, Kernel, Level, dispatch, dispatch_eight};
+use crate::simd::{EIGHT, Eight, EightKernel, Kernel, SimdLevel, dispatch, dispatch_eight};
 
 /// Memory of the selection.
 #[derive(Debug, Default)]
@@ -62,7 +62,7 @@ impl Selection {
         response: &Plane,
         threshold: f32,
         mask: Option<ArrayView2<'_, bool>>,
-        level: Level,
+        level: SimdLevel,
     ) -> Result<()> {
         let (width, height) = (response.width(), response.height());
         self.candidates.clear();
@@ -157,7 +157,7 @@ impl Selection {
 }
 
 /// The largest response.
-fn best(response: &Plane, mask: Option<ArrayView2<'_, bool>>, level: Level) -> f32 {
+fn best(response: &Plane, mask: Option<ArrayView2<'_, bool>>, level: SimdLevel) -> f32 {
     let mut best = f32::MIN;
     for y in 0..response.height() {
         let row = response.row(y);
@@ -243,7 +243,7 @@ impl EightKernel for Maxima<'_> {
                     & value.at_least(L::load(here, x + 1));
             }
             while bits != 0 {
-                self.look(above, here, below, x + bits.trailing_zeros() as usize);
+                self.add_if_maximum(above, here, below, x + bits.trailing_zeros() as usize);
                 bits &= bits - 1;
             }
             x += count;
@@ -253,7 +253,7 @@ impl EightKernel for Maxima<'_> {
 
 impl Maxima<'_> {
     /// Take pixel `x` if it is a maximum.
-    fn look(&mut self, above: &[f32], here: &[f32], below: &[f32], x: usize) {
+    fn add_if_maximum(&mut self, above: &[f32], here: &[f32], below: &[f32], x: usize) {
         let value = here[x];
         let near = x - 1..x + 2;
         let is_maximum = value > self.threshold

@@ -9,7 +9,7 @@
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::{reserve, resize};
-use crate::simd::Level;
+use crate::simd::SimdLevel;
 
 use super::coarse_to_fine::CoarseToFine;
 use super::padded_plane::{self, PAD, PaddedPlane};
@@ -208,7 +208,7 @@ impl Matching {
         &mut self,
         [prev, next]: [&Plane; 2],
         most: Option<f32>,
-        simd: Level,
+        simd: SimdLevel,
     ) -> Result<bool> {
         let (mut sought, mut any, mut both) = (0, false, false);
         for spacing in [8, 4, 2, 1] {
@@ -252,7 +252,7 @@ impl Matching {
         template: &Template,
         by: [i32; 2],
         most: Option<f32>,
-        simd: Level,
+        simd: SimdLevel,
     ) -> bool {
         let there = [0, 1].map(|axis| (template.at[axis] as i32 + by[axis]) as usize);
         let back = Template::of(next, there)
@@ -269,7 +269,7 @@ impl Matching {
         index: usize,
         by: [i32; 2],
         most: Option<f32>,
-        simd: Level,
+        simd: SimdLevel,
     ) -> bool {
         self.states[index] = State::Found(by);
         self.reached.clear();

@@ -4,9 +4,9 @@
 //! Where most windows are left without a match, the displacements of the whole picture and of its tiles are tried on the
 //! level of about 100 pixels, and each pixel keeps the one that fits it best.
 
+use crate::displacement_hypotheses::Hypotheses;
 use crate::error::Result;
 use crate::frame::Plane;
-use crate::seeds::Seeds;
 
 use super::coarse_to_fine::{CoarseToFine, Memory};
 use super::padded_plane;
@@ -40,7 +40,7 @@ impl CoarseToFine<'_> {
             return Ok(false);
         }
         let scale = (1usize << level) as f64;
-        let seeds = Seeds::find(self.prev.levels(), self.next.levels(), self.execution)?;
+        let hypotheses = Hypotheses::find(self.prev.levels(), self.next.levels(), self.execution)?;
         self.memory.keep_flow();
         let Memory { best, found, .. } = &mut *self.memory;
         for (found, best) in found.iter_mut().zip(best) {
@@ -49,12 +49,12 @@ impl CoarseToFine<'_> {
         self.memory.widen_energy()?;
         self.memory.found_energy.copy_from(&self.memory.energy)?;
         let most = self.options.max_displacement.map_or(f64::MAX, f64::from);
-        for seed in seeds.distinct(APART * scale).into_iter().take(MOST) {
-            if seed[0].hypot(seed[1]) > most + scale {
+        for hypothesis in hypotheses.distinct(APART * scale).into_iter().take(MOST) {
+            if hypothesis[0].hypot(hypothesis[1]) > most + scale {
                 continue;
             }
             let plane = &self.prev.levels()[level];
-            for (grid, value) in self.memory.flow.iter_mut().zip(seed) {
+            for (grid, value) in self.memory.flow.iter_mut().zip(hypothesis) {
                 grid.resize(plane.width(), plane.height())?;
                 grid.fill((value / scale) as f32);
             }

@@ -11,7 +11,7 @@ use crate::frame::Plane;
 use crate::memory::resize;
 use crate::parallel::{even_bands, for_each_band};
 use crate::scratch::with_scratch;
-use crate::simd::{Kernel, Level, dispatch, dispatch_lanes};
+use crate::simd::{Kernel, SimdLevel, dispatch, dispatch_lanes};
 
 use super::padded_plane::{self, PAD};
 use super::warp::WarpRow;
@@ -47,7 +47,7 @@ impl Light {
         input: Views<'_>,
         small: usize,
         large: usize,
-        level: Level,
+        level: SimdLevel,
     ) -> Result<()> {
         let (width, height) = (input.prev.width(), input.prev.height());
         self.begin(width, height)?;
@@ -159,7 +159,7 @@ impl Light {
         self.moments(width, (left, top), (right, bottom))
     }
 
-    fn accumulate(&mut self, input: Views<'_>, level: Level) -> Result<()> {
+    fn accumulate(&mut self, input: Views<'_>, level: SimdLevel) -> Result<()> {
         let mut full = false;
         let mut sum = std::mem::take(&mut self.sum);
         resize(

@@ -17,7 +17,7 @@
 //! down ([`sum_down`]) and across ([`moments`]), in strips of columns where the picture is wide ([`tiles`]).
 //!
 //! Damping and thresholds are in grey levels of 0..255: both frames of a pair are multiplied by the power of two that
-//! the range of `prev` asks for ([`Greys::scale`]), and what is reported in grey levels is divided by it.
+//! the range of `prev` asks for ([`GreyRange::scale`]), and what is reported in grey levels is divided by it.
 
 /// Evaluate the expression with the constant `$size` for the side of windows of this radius, 1 to 3.
 macro_rules! by_radius {
@@ -79,7 +79,7 @@ use ndarray::ArrayView2;
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, expect_size, pixels_of, scale_by};
-use crate::grey::Greys;
+use crate::grey::GreyRange;
 use crate::parallel::{both, within_pool};
 
 pub use field::FlowField;
@@ -199,7 +199,7 @@ impl DenseFlow {
             if primed {
                 self.prev.mask_anew(reading(hints.mask), &execution)?;
             }
-            let greys = Greys::among(frame, hints.next_mask);
+            let greys = GreyRange::among(frame, hints.next_mask);
             let scale = if primed { &self.prev.greys } else { &greys }.scale();
             self.next
                 .read(frame, (greys, scale), reading(hints.next_mask), &execution)?;
@@ -242,8 +242,8 @@ impl DenseFlow {
             let (mask, next_mask) = (hints.mask, hints.next_mask);
             let greys = both(
                 &execution,
-                || Greys::among(prev, mask),
-                || Greys::among(next, next_mask),
+                || GreyRange::among(prev, mask),
+                || GreyRange::among(next, next_mask),
             )?;
             let scale = greys.0.scale();
             let Self {

@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use crate::simd::{Floats, LaneKernel, Level, Simd, blocks, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, LaneKernel, Simd, SimdLevel, blocks, blocks_mut, dispatch_lanes};
 
 use super::padded_plane::PAD;
 use super::sum_down::Split;
@@ -24,7 +24,7 @@ pub(super) type Row<'a> = [[&'a mut [f32]; 2]; 2 + SYSTEM];
 
 /// The rows under way.
 pub(super) struct Rows<'a> {
-    level: Level,
+    level: SimdLevel,
     width: usize,
     height: usize,
     slots: usize,
@@ -54,7 +54,7 @@ impl<'a> Rows<'a> {
     }
 
     pub(super) fn new(
-        level: Level,
+        level: SimdLevel,
         (width, height): (usize, usize),
         halves: usize,
         (relaxation, slopes): (f32, Slopes),

@@ -4,7 +4,7 @@ use ndarray::ArrayView2;
 
 use crate::error::{Error, Result};
 use crate::frame::Plane;
-use crate::grey::Greys;
+use crate::grey::GreyRange;
 
 use super::DenseFlow;
 use super::source::Source;
@@ -123,7 +123,7 @@ impl DenseFlow {
             .map_err(|error| Error::shape("frame", error.to_string(), "a whole plane"))?;
         let mut source = Source {
             scale: snapshot.scale,
-            greys: Greys::of_parts(snapshot.extremes, snapshot.all_finite),
+            greys: GreyRange::of_parts(snapshot.extremes, snapshot.all_finite),
             ..Source::default()
         };
         source.pyramid.rebuild(frame, levels, &execution)?;

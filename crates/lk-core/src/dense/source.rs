@@ -5,7 +5,7 @@ use ndarray::ArrayView2;
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, scale_by};
-use crate::grey::Greys;
+use crate::grey::GreyRange;
 use crate::presmooth;
 use crate::pyramid::Pyramid;
 
@@ -18,7 +18,7 @@ pub(super) struct Source {
     pub(super) pyramid: Pyramid,
     pub(super) scale: f32,
     /// Of the pixels that count, as they came.
-    pub(super) greys: Greys,
+    pub(super) greys: GreyRange,
     /// 1 where the frame is finite and not masked; of no size where it is everywhere.
     pub(super) counts: Plane,
     /// The frame as it came, where it may be read once more with another mask; else of no size.
@@ -40,7 +40,7 @@ impl Source {
     pub(super) fn read<T: Pixel>(
         &mut self,
         frame: Frame<'_, T>,
-        (greys, scale): (Greys, f32),
+        (greys, scale): (GreyRange, f32),
         Reading { levels, side, mask }: Reading<'_>,
         execution: &Execution,
     ) -> Result<()> {
@@ -82,7 +82,7 @@ impl Source {
         let raw = std::mem::take(&mut self.raw);
         let view = ArrayView2::from_shape((raw.height(), raw.width()), raw.data())
             .map_err(|error| Error::shape("frame", error.to_string(), "a whole plane"))?;
-        let greys = Greys::among(view, reading.mask);
+        let greys = GreyRange::among(view, reading.mask);
         self.read(view, (greys, greys.scale()), reading, execution)?;
         self.raw = raw;
         Ok(())

@@ -13,7 +13,7 @@ use ndarray::{Array2, Array3, s};
 
 use super::*;
 use crate::illumination::Illumination;
-use crate::simd::Level;
+use crate::simd::SimdLevel;
 
 /// A smooth scene with texture at several scales, seen after a motion of (u, v).
 fn scene(height: usize, width: usize, u: f64, v: f64) -> Array2<f32> {
@@ -184,9 +184,9 @@ fn threads_and_instructions_change_no_bit() {
                 &options.clone().execution(execution),
             )
         };
-        let want = run(Execution::default().threads(1).level(Level::Baseline));
+        let want = run(Execution::default().threads(1).level(SimdLevel::Baseline));
         for threads in [1, 2, 7] {
-            for level in Level::available() {
+            for level in SimdLevel::available() {
                 let got = run(Execution::default().threads(threads).level(level));
                 assert!(same_bits(&want, &got), "{preset:?} {threads} {level:?}");
             }

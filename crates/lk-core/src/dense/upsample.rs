@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::{even_bands, for_each_band};
-use crate::simd::{Floats, LANES, LaneKernel, Level, Simd, blocks, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, LANES, LaneKernel, Simd, SimdLevel, blocks, blocks_mut, dispatch_lanes};
 
 use super::padded_plane::{self, PAD, PaddedPlane};
 
@@ -35,7 +35,7 @@ pub(super) fn upsample(
 
 /// Columns of row `y` of [`upsample`], from an even one on, padded.
 pub(super) fn row(
-    level: Level,
+    level: SimdLevel,
     coarse: &PaddedPlane,
     y: usize,
     columns: Range<usize>,

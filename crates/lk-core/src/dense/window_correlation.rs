@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::resize;
-use crate::simd::{Floats, LANES, LaneKernel, Level, Simd, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, LANES, LaneKernel, Simd, SimdLevel, blocks_mut, dispatch_lanes};
 
 use super::padded_plane::{self, PAD, PaddedPlane};
 
@@ -90,7 +90,7 @@ impl Side {
         template: &Template,
         scores: &mut PaddedPlane,
         [columns, rows]: [Range<usize>; 2],
-        simd: Level,
+        simd: SimdLevel,
     ) {
         for y in rows {
             let kernel = Correlate {
@@ -110,7 +110,7 @@ impl Side {
         template: &Template,
         scores: &mut PaddedPlane,
         most: Option<f32>,
-        simd: Level,
+        simd: SimdLevel,
     ) -> Option<[i32; 2]> {
         let [x, y] = template.at;
         let (width, height) = (self.plane.width(), self.plane.height());
@@ -143,7 +143,7 @@ impl Side {
         scores: &mut PaddedPlane,
         by: [i32; 2],
         most: Option<f32>,
-        simd: Level,
+        simd: SimdLevel,
     ) -> Option<[i32; 2]> {
         let ranges = near_place(template.at, by, [self.plane.width(), self.plane.height()]);
         self.correlate(template, scores, ranges.clone(), simd);

@@ -11,7 +11,7 @@ use std::ops::Range;
 use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::parallel::even_bands;
-use crate::simd::{LANES, Level, dispatch_lanes};
+use crate::simd::{LANES, SimdLevel, dispatch_lanes};
 
 use super::moments::{Count, Sums};
 use super::padded_plane::{self, PAD, PaddedPlane};
@@ -38,7 +38,7 @@ impl<'a> Views<'a> {
     /// the size.
     pub(super) fn flow<'b>(
         &self,
-        level: Level,
+        level: SimdLevel,
         y: usize,
         columns: Range<usize>,
         memory: &'b mut [f32],
@@ -74,7 +74,7 @@ enum Counts {
 }
 /// Rows of window sums, made one after the other.
 pub(super) struct Windows<'a> {
-    level: Level,
+    level: SimdLevel,
     views: Views<'a>,
     columns: Columns,
     radius: usize,
@@ -131,7 +131,7 @@ impl<'a> Windows<'a> {
 
     /// Windows of `2 radius + 1` pixels; with `centred`, their means do not count.
     pub(super) fn new(
-        level: Level,
+        level: SimdLevel,
         views: Views<'a>,
         columns: Columns,
         radius: usize,

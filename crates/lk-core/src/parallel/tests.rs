@@ -1,7 +1,7 @@
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use super::awake::help_while;
+use super::keep_warm::help_while;
 use super::*;
 
 #[test]

@@ -7,7 +7,7 @@ use super::coordinates::Pair;
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::{reserve, resize};
-use crate::simd::{EIGHT, Eight, EightKernel, Level, dispatch_eight};
+use crate::simd::{EIGHT, Eight, EightKernel, SimdLevel, dispatch_eight};
 
 /// The least share of the window that both frames must show.
 const MIN_SHARE: f64 = 0.08;
@@ -44,7 +44,7 @@ pub(super) struct Correlation {
 
 impl Correlator {
     /// Take the frames of `pair`.
-    pub(super) fn take(&mut self, pair: Pair<'_>, level: Level) -> Result<()> {
+    pub(super) fn take(&mut self, pair: Pair<'_>, level: SimdLevel) -> Result<()> {
         (self.window, self.origin) = (pair.window, pair.origin);
         self.weighted = pair.prev_weight.is_some() || pair.next_weight.is_some();
         let planes = [(pair.prev, pair.prev_weight), (pair.next, pair.next_weight)];
@@ -83,7 +83,7 @@ impl Correlator {
     }
 
     /// How well the frames agree at displacement `d`; `None` if they share too few pixels.
-    pub(super) fn at(&self, d: [isize; 2], level: Level) -> Option<Correlation> {
+    pub(super) fn at(&self, d: [isize; 2], level: SimdLevel) -> Option<Correlation> {
         let shared = |axis: usize| -> Option<(Range<usize>, usize)> {
             let offset = d[axis] - self.origin[axis];
             let (low, high) = self.window[axis];

@@ -7,7 +7,7 @@ use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::memory::{replace, reserve_more};
 use crate::phase::{correlate_rows, fast_length};
-use crate::simd::Level;
+use crate::simd::SimdLevel;
 
 /// Peaks of the correlation surface that are tried.
 const PEAKS: usize = 6;
@@ -100,7 +100,7 @@ struct Search<'a> {
     pair: Pair<'a>,
     workspace: &'a mut Workspace,
     limit: [f64; 2],
-    level: Level,
+    level: SimdLevel,
     best: Option<Start>,
     /// Displacements at the high peaks of the last surface.
     peaks: Vec<[isize; 2]>,
@@ -230,7 +230,7 @@ pub(super) fn repeats_along(
     at: f64,
     limit: [f64; 2],
     workspace: &mut Workspace,
-    level: Level,
+    level: SimdLevel,
 ) -> Result<bool> {
     let correlator = &mut workspace.correlator;
     correlator.take(pair, level)?;

@@ -6,7 +6,7 @@
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 
-use super::Level;
+use super::SimdLevel;
 
 /// Eight of one [`Eight`].
 pub(crate) const EIGHT: usize = 8;
@@ -118,15 +118,15 @@ pub(crate) trait EightKernel {
 }
 
 /// Run `kernel` with the registers of `level`.
-pub(crate) fn dispatch_eight<K: EightKernel>(level: Level, kernel: K) -> K::Output {
+pub(crate) fn dispatch_eight<K: EightKernel>(level: SimdLevel, kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
     {
-        match level.min(Level::of_this_cpu()) {
+        match level.min(SimdLevel::of_this_cpu()) {
             // SAFETY: `of_this_cpu` has found avx512f, bw, dq, vl and avx2 on this CPU.
-            Level::Avx512 => unsafe { run_eight_avx512(kernel) },
+            SimdLevel::Avx512 => unsafe { run_eight_avx512(kernel) },
             // SAFETY: `of_this_cpu` has found avx2 on this CPU.
-            Level::Avx2 => unsafe { run_eight_avx2(kernel) },
-            Level::Baseline => kernel.run::<x86::Sse>(),
+            SimdLevel::Avx2 => unsafe { run_eight_avx2(kernel) },
+            SimdLevel::Baseline => kernel.run::<x86::Sse>(),
         }
     }
     #[cfg(not(target_arch = "x86_64"))]
@@ -564,7 +564,7 @@ pub(crate) mod x86 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Level;
+    use super::super::SimdLevel;
     use super::*;
 
     /// Every operation once.
@@ -599,7 +599,7 @@ mod tests {
                 data[7] = f32::NAN;
             }
             let want = Everything(&data).run::<Plain>();
-            for level in Level::available() {
+            for level in SimdLevel::available() {
                 let got = dispatch_eight(level, Everything(&data));
                 assert_eq!(
                     got.0.map(f32::to_bits),

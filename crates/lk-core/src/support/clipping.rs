@@ -3,8 +3,8 @@
 use ndarray::ArrayView2;
 
 use crate::frame::{Frame, Pixel};
-use crate::grey::Greys;
-use crate::simd::{Kernel, Level, dispatch};
+use crate::grey::GreyRange;
+use crate::simd::{Kernel, SimdLevel, dispatch};
 
 /// Of so many pixels, and of this share of the frame, an end of the range must be made up for it to be a limit.
 const LEAST_PILE: usize = 16;
@@ -23,7 +23,7 @@ const SOFT_STEP: f32 = 0.125;
 pub(super) fn limits<T: Pixel>(
     frame: Frame<'_, T>,
     mask: Option<ArrayView2<'_, bool>>,
-    greys: &Greys,
+    greys: &GreyRange,
 ) -> [Option<f32>; 2] {
     let Some([low, high]) = greys.extremes() else {
         return [None; 2];
@@ -50,7 +50,7 @@ fn piles_up<T: Pixel>(
     let mut pixels = 0;
     for (y, row) in frame.rows().into_iter().enumerate() {
         pixels += match row.as_slice() {
-            Some(row) if mask.is_none() => dispatch(Level::detected(), Count { row, end }),
+            Some(row) if mask.is_none() => dispatch(SimdLevel::detected(), Count { row, end }),
             _ => row
                 .iter()
                 .enumerate()
@@ -65,7 +65,7 @@ fn piles_up<T: Pixel>(
     for (y, row) in frame.rows().into_iter().enumerate() {
         let found = match row.as_slice() {
             Some(row) if mask.is_none() => {
-                dispatch(Level::detected(), CountSteps { row, end, soft })
+                dispatch(SimdLevel::detected(), CountSteps { row, end, soft })
             }
             _ => steps_among(
                 row.iter()

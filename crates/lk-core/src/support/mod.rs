@@ -11,7 +11,7 @@ pub use masks::Masks;
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane};
-use crate::grey::Greys;
+use crate::grey::GreyRange;
 use crate::memory::{replace, resize, zeros};
 use crate::parallel::{RowsMut, for_each_band};
 use clipping::limits;
@@ -117,7 +117,7 @@ impl Support {
         mask: Option<ArrayView2<'_, bool>>,
         execution: &Execution,
     ) -> Result<()> {
-        let greys = Greys::among(frame, mask);
+        let greys = GreyRange::among(frame, mask);
         let limits = limits(frame, mask, &greys);
         self.take_within(frame, mask, &greys, limits, execution)
     }
@@ -133,14 +133,14 @@ impl Support {
         mask: Option<ArrayView2<'_, bool>>,
         execution: &Execution,
     ) -> Result<()> {
-        self.take_within(frame, mask, &Greys::of(frame), [None; 2], execution)
+        self.take_within(frame, mask, &GreyRange::of(frame), [None; 2], execution)
     }
 
     fn take_within<T: Pixel>(
         &mut self,
         frame: Frame<'_, T>,
         mask: Option<ArrayView2<'_, bool>>,
-        greys: &Greys,
+        greys: &GreyRange,
         limits: [Option<f32>; 2],
         execution: &Execution,
     ) -> Result<()> {

@@ -122,7 +122,7 @@ pub(crate) struct Normal {
 /// One step of the least squares.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Step {
-    pub(crate) by: [f64; 2],
+    pub(crate) delta: [f64; 2],
     pub(crate) gain: f64,
 }
 
@@ -225,7 +225,7 @@ impl Normal {
         let scaled = [-(xx * x + xy * y), -(xy * x + yy * y)];
         if !self.light.gain {
             return Step {
-                by: scaled,
+                delta: scaled,
                 gain: 1.0,
             };
         }
@@ -233,7 +233,7 @@ impl Normal {
             1.0 + intensity * self.intensity + scaled[0] * self.part[0] + scaled[1] * self.part[1];
         let usable = 1.0 / gain.clamp(GAIN_RANGE.0, GAIN_RANGE.1);
         Step {
-            by: scaled.map(|component| component * usable),
+            delta: scaled.map(|component| component * usable),
             gain,
         }
     }

@@ -9,7 +9,7 @@ use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::memory::resize;
 use crate::parallel::{RowsMut, for_each_band};
 use crate::pyramid::Pyramid;
-use crate::simd::{Level, dispatch_eight};
+use crate::simd::{SimdLevel, dispatch_eight};
 use crate::track::POINTS;
 use crate::track::normal::Light;
 use crate::track::patch::{
@@ -194,7 +194,7 @@ struct Search<'a> {
     prev: &'a [Plane],
     next: &'a [Plane],
     options: &'a PyrLkOptions,
-    level: Level,
+    level: SimdLevel,
     template: Template,
     scratch: BorderScratch,
 }

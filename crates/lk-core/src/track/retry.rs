@@ -4,10 +4,10 @@
 //! A coarse window straddles motion and shadow edges, and takes in only so much motion. What a neighbour or a
 //! correlation offers instead is only a start: the point is tracked from it, and judged like any other.
 
+use crate::displacement_hypotheses::Hypotheses;
 use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
 use crate::parallel::{RowsMut, for_each_band};
-use crate::seeds::Seeds;
 use crate::track::POINTS;
 use crate::track::affine::Deformed;
 use crate::track::neighbours::{Grid, NEIGHBOURS};
@@ -22,7 +22,7 @@ const ROUNDS: usize = 8;
 pub(crate) const MAX_CANDIDATES: usize = 10;
 
 /// Share of the points that must be lost before the frame is correlated.
-const SEED_SHARE: f32 = 0.1;
+const HYPOTHESES_SHARE: f32 = 0.1;
 
 /// Where so many are lost, one of so many is tried first; one of so many of those must be found.
 const SAMPLE: usize = 8;
@@ -42,7 +42,7 @@ pub(crate) struct Memory {
     fresh: Vec<bool>,
     pub(super) grid: Grid,
     pub(super) repetition: Repetition,
-    seeds: Seeds,
+    hypotheses: Hypotheses,
     pub(super) deformed: Deformed,
 }
 
@@ -89,12 +89,12 @@ impl Memory {
             return Ok(());
         }
         let execution = &problem.options.execution;
-        self.seeds.clear();
+        self.hypotheses.clear();
         let lost = self.pending.len() as f32;
-        if lost >= SEED_SHARE * (lost + found as f32) {
-            self.seeds = Seeds::find(problem.prev, problem.next, execution)?;
+        if lost >= HYPOTHESES_SHARE * (lost + found as f32) {
+            self.hypotheses = Hypotheses::find(problem.prev, problem.next, execution)?;
         }
-        if lost >= SEED_SHARE * (lost + found as f32)
+        if lost >= HYPOTHESES_SHARE * (lost + found as f32)
             && !self.is_promising(problem, points, tracks)?
         {
             return Ok(());
@@ -130,19 +130,19 @@ impl Memory {
         Ok(new * LEAST_FOUND >= tried)
     }
 
-    /// Try each pending point from where its neighbours and the seeds point, or without seeds those of which a neighbour was
-    /// found last; how many were found.
+    /// Try each pending point from where its neighbours went and, in the first round, where the displacement hypotheses
+    /// point; in later ones only points of which a neighbour was found last. How many were found.
     fn round(
         &mut self,
         problem: &Problem<'_>,
         points: &[[f32; 2]],
         tracks: &mut [TrackedPoint],
-        seeded: bool,
+        first: bool,
     ) -> Result<usize> {
         let seen: &[TrackedPoint] = tracks;
         self.grid
             .fill(problem.size(), points, |index| seen[index].is_valid())?;
-        let (pending, seeds, grid) = (&self.pending, &self.seeds, &self.grid);
+        let (pending, hypotheses, grid) = (&self.pending, &self.hypotheses, &self.grid);
         let fresh = &self.fresh;
         self.results.clear();
         let lost = TrackedPoint::lost(PointStatus::HighResidual);
@@ -158,7 +158,7 @@ impl Memory {
                         let index = pending[entry] as usize;
                         let point = points[index];
                         let mut candidates = Candidates::default();
-                        let mut new = seeded;
+                        let mut new = first;
                         for (_, near) in grid.nearest::<NEIGHBOURS>(points, point) {
                             new = new || fresh[near];
                             let (from, to) = (points[near], seen[near].position);
@@ -169,11 +169,15 @@ impl Memory {
                         if !new {
                             continue;
                         }
-                        if seeded {
-                            seeds.at(point).for_each(|seed| candidates.add(seed));
+                        if first {
+                            hypotheses.at(point).for_each(|start| candidates.add(start));
                         }
-                        *result =
-                            problem.retrack(point, candidates.list(), seeds.level(), workspace);
+                        *result = problem.retrack(
+                            point,
+                            candidates.list(),
+                            hypotheses.level(),
+                            workspace,
+                        );
                     }
                 });
             },

@@ -3,7 +3,7 @@
 use std::cell::Cell;
 
 use crate::frame::Plane;
-use crate::simd::{Level, dispatch_eight};
+use crate::simd::{SimdLevel, dispatch_eight};
 use crate::support::Support;
 use crate::track::normal::{Light, Normal, Step};
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
@@ -65,7 +65,7 @@ pub(crate) struct Problem<'a> {
     /// Whether a mask says which pixels of `next` count.
     pub(crate) masked: bool,
     pub(crate) options: &'a TrackOptions,
-    pub(crate) level: Level,
+    pub(crate) level: SimdLevel,
 }
 
 /// Pyramids in the order of the search.
@@ -101,7 +101,10 @@ pub(super) struct FinalStep {
 impl FinalStep {
     /// The displacement after `step`.
     pub(super) fn after(&self, step: &Step) -> [f64; 2] {
-        [self.before[0] + step.by[0], self.before[1] + step.by[1]]
+        [
+            self.before[0] + step.delta[0],
+            self.before[1] + step.delta[1],
+        ]
     }
 }
 
@@ -293,8 +296,11 @@ impl Problem<'_> {
                 )
                 .ok()?;
             let step = normal.step(&sums);
-            let size = length(step.by);
-            displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
+            let size = length(step.delta);
+            displacement = [
+                displacement[0] + step.delta[0],
+                displacement[1] + step.delta[1],
+            ];
             let moved = length([displacement[0] - guess[0], displacement[1] - guess[1]]);
             if moved > reach || moved.is_nan() {
                 return None;
@@ -341,8 +347,11 @@ impl Problem<'_> {
                 .compare(way, 0, centre, displacement, false, &mut normal, workspace)
                 .ok()?;
             let step = normal.step(&sums);
-            let size = length(step.by);
-            displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
+            let size = length(step.delta);
+            displacement = [
+                displacement[0] + step.delta[0],
+                displacement[1] + step.delta[1],
+            ];
             let factor = (size / last).max(LEAST_FACTOR);
             if factor < 1.0 && size * factor / (1.0 - factor) < tolerance {
                 let x = f64::from(position[0]) + displacement[0] - f64::from(point[0]);
@@ -386,9 +395,12 @@ impl Problem<'_> {
                 return Err(PointStatus::NotFinite);
             }
             let step = normal.step(&sums);
-            let size = length(step.by);
+            let size = length(step.delta);
             let before = displacement;
-            displacement = [displacement[0] + step.by[0], displacement[1] + step.by[1]];
+            displacement = [
+                displacement[0] + step.delta[0],
+                displacement[1] + step.delta[1],
+            ];
             // Steps shrink by a steady factor, so this is how far the rest of them would lead.
             let factor = (size / last).max(LEAST_FACTOR);
             if factor < 1.0 && size * factor / (1.0 - factor) < tolerance {

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::execution::Execution;
 use crate::illumination::Illumination;
-use crate::simd::Level;
+use crate::simd::SimdLevel;
 
 /// A smooth picture that repeats nowhere near, at any position.
 fn picture(x: f64, y: f64) -> f64 {
@@ -93,8 +93,8 @@ proptest! {
                 bits
             }).collect::<Vec<_>>()
         };
-        let want = run(Execution::default().threads(1).level(Level::Baseline));
-        for level in Level::available() {
+        let want = run(Execution::default().threads(1).level(SimdLevel::Baseline));
+        for level in SimdLevel::available() {
             for threads in [1, 2, 7] {
                 prop_assert_eq!(&run(Execution::default().threads(threads).level(level)), &want);
             }

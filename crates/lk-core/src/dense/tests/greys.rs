@@ -38,7 +38,7 @@ fn the_unit_of_the_grey_levels_changes_no_bit_of_the_flow() {
         assert!(plain.light().1.data().iter().any(|offset| *offset != 0.0));
         for scale in [1.0 / 256.0, 1.0 / 4096.0, 1024.0] {
             let [prev, next] = frames.each_ref().map(|frame| frame * scale);
-            for level in Level::available() {
+            for level in SimdLevel::available() {
                 let execution = Execution::default().threads(2).level(level);
                 let options = options.clone().execution(execution);
                 let scaled = measure(prev.view(), next.view(), &options);

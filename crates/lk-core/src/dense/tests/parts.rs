@@ -8,7 +8,7 @@ use super::super::windows::Views;
 use super::super::{median, propagate, step, upsample};
 use crate::execution::Execution;
 use crate::frame::Plane;
-use crate::simd::Level;
+use crate::simd::SimdLevel;
 
 /// A grid of pseudo-random values within `-most..most`.
 pub(super) fn noise(width: usize, height: usize, seed: u32, most: f32) -> PaddedPlane {
@@ -144,7 +144,7 @@ proptest! {
         let (prev, next) = (plane(&prev, 40.0), plane(&next, 40.0));
         let (u, v) = (noise(width, height, seed ^ 1, 2.5), noise(width, height, seed ^ 2, 2.5));
         let options = StepOptions { radius, centred, damping: 1.0, max_step: 1.0, measures: false };
-        for level in Level::available() {
+        for level in SimdLevel::available() {
             let execution = Execution::default().threads(2).level(level);
             let (mut to_u, mut to_v, mut energy) = (PaddedPlane::default(), PaddedPlane::default(), PaddedPlane::default());
             let input = Views { prev: &prev, next: &next, u: &u, v: &v, halved: None, weight: None };
@@ -167,7 +167,7 @@ proptest! {
     ) {
         let (u, v) = (noise(width, height, seed, 10.0), noise(width, height, !seed, 10.0));
         let d = spacing as isize;
-        for level in Level::available() {
+        for level in SimdLevel::available() {
             let (mut to_u, mut to_v) = (PaddedPlane::default(), PaddedPlane::default());
             let execution = Execution::default().threads(2).level(level);
             median::median([&u, &v], spacing, [&mut to_u, &mut to_v], &execution).unwrap();
@@ -196,7 +196,7 @@ proptest! {
         for y in 0..height {
             energy.padded_mut(y).iter_mut().for_each(|value| *value += 1.0);
         }
-        for level in Level::available() {
+        for level in SimdLevel::available() {
             let (mut to_u, mut to_v) = (PaddedPlane::default(), PaddedPlane::default());
             let execution = Execution::default().threads(2).level(level);
             propagate::propagate((&u, &v), &energy, (distance, slopes), 0.9, (&mut to_u, &mut to_v), &execution).unwrap();

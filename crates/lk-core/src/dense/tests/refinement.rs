@@ -11,7 +11,7 @@ use super::super::windows::Views;
 use super::super::{half_round, refine, step, upsample};
 use super::parts::{at, noise, plane, reference_moments, reference_step};
 use crate::Execution;
-use crate::simd::Level;
+use crate::simd::SimdLevel;
 
 /// What a round is tested with.
 fn round_options(radius: usize, sweeps: usize, slope: f32) -> RoundOptions {
@@ -187,7 +187,7 @@ proptest! {
         let views = Views { prev: &prev, next: &next, u: &u, v: &v, halved: None, weight: None };
         let options = StepOptions { radius, centred: true, damping: 1.0, max_step: 1.0, measures: false };
         let round = round_options(radius, 3, 0.0);
-        for level in Level::available() {
+        for level in SimdLevel::available() {
             let execution = Execution::default().threads(threads).level(level);
             let [mut to_u, mut to_v, mut energy] = <[PaddedPlane; 3]>::default();
             let [mut of_step, mut of_round] = <[Judged; 2]>::default();
@@ -224,7 +224,7 @@ proptest! {
         let slope = if sloping { 0.1 } else { 0.0 };
         let options = RoundOptions { centred, ..round_options(radius, sweeps, slope) };
         let want = reference_round(views, [&u, &v], &options, (1, 1.0));
-        for level in Level::available() {
+        for level in SimdLevel::available() {
             let (mut to_u, mut to_v) = (PaddedPlane::default(), PaddedPlane::default());
             let execution = Execution::default().threads(threads).level(level);
             refine::round(views, &options, (&mut to_u, &mut to_v), None, &execution).unwrap();
@@ -255,7 +255,7 @@ proptest! {
         let halved = Views { u: &u, v: &v, halved: Some(2.0), ..whole };
         let options = round_options(radius, sweeps, if sloping { 0.1 } else { 0.0 });
         let want = reference_round(whole, [&u, &v], &options, (2, 2.0));
-        for level in Level::available() {
+        for level in SimdLevel::available() {
             let (mut to_u, mut to_v, mut judged) = (PaddedPlane::default(), PaddedPlane::default(), Judged::default());
             let execution = Execution::default().threads(threads).level(level);
             half_round::half_round(halved, &options, (&mut to_u, &mut to_v), Some(&mut judged), &execution).unwrap();
@@ -293,7 +293,7 @@ proptest! {
         } else {
             (plain, plain)
         };
-        for level in Level::available() {
+        for level in SimdLevel::available() {
             let execution = Execution::default().threads(2).level(level);
             let [mut a, mut b, mut c, mut d, mut e, mut f] = <[PaddedPlane; 6]>::default();
             step::step(whole, &options, (&mut a, &mut b, &mut c), &execution).unwrap();
@@ -321,7 +321,7 @@ proptest! {
         let v = gentle(width, height, seed ^ 2, -slope, rough);
         let options = StepOptions { radius: 2, centred: true, damping: 1.0, max_step: 1.0, measures: false };
         let views = Views { prev: &prev, next: &next, u: &u, v: &v, halved: None, weight: None };
-        for level in Level::available() {
+        for level in SimdLevel::available() {
             let execution = Execution::default().threads(1).level(level);
             let [mut to_u, mut to_v, mut energy] = <[PaddedPlane; 3]>::default();
             step::step(views, &options, (&mut to_u, &mut to_v, &mut energy), &execution).unwrap();

@@ -7,7 +7,7 @@
 use std::cell::Cell;
 
 use crate::frame::Plane;
-use crate::simd::{Level, dispatch_eight};
+use crate::simd::{SimdLevel, dispatch_eight};
 use crate::support::Support;
 use crate::track::affine::factor::{Factor, Step, UNKNOWNS};
 use crate::track::affine::meeting::{Counting, Meeting};
@@ -57,7 +57,7 @@ pub(in crate::track) struct Input<'a> {
     pub(in crate::track) tolerance: f64,
     /// What may be left at the end, as a mean square.
     pub(in crate::track) most_left: f64,
-    pub(in crate::track) level: Level,
+    pub(in crate::track) level: SimdLevel,
 }
 
 /// What one level answers.
@@ -197,7 +197,7 @@ impl Aligner {
     }
 
     /// Sums of the difference with what each unknown changes, and squared.
-    fn project(&self, met: Meeting, level: Level) -> ([f64; UNKNOWNS], f64) {
+    fn project(&self, met: Meeting, level: SimdLevel) -> ([f64; UNKNOWNS], f64) {
         let kernel = Project {
             template: &self.template,
             samples: &self.samples,
@@ -207,7 +207,7 @@ impl Aligner {
     }
 
     /// How the derivatives of the template that was built last go together.
-    pub(in crate::track) fn gradients(&self, level: Level) -> Gradients {
+    pub(in crate::track) fn gradients(&self, level: SimdLevel) -> Gradients {
         dispatch_eight(level, Correlation(&self.template))
     }
 

@@ -24,7 +24,7 @@ const DEVIATIONS: f32 = 3.0;
 /// Neighbours looked at, how far away at most, in windows, and how many must move apart.
 const NEIGHBOURS: usize = 4;
 const REACH: f32 = 3.0;
-const APART: usize = 2;
+const MIN_APART: usize = 2;
 
 /// One point of so many is asked first whether any move apart at all.
 const SAMPLE: usize = 8;
@@ -111,5 +111,5 @@ fn moves_apart(
                 && distance < reach
                 && difference > (SLOPE * distance).max(DEVIATIONS * doubt)
         });
-    apart.count() >= APART
+    apart.count() >= MIN_APART
 }

@@ -9,7 +9,7 @@ pub(super) const UNKNOWNS: usize = 10;
 /// One step of the least squares.
 pub(super) struct Step {
     /// The unknowns, over the gain.
-    by: [f64; UNKNOWNS],
+    delta: [f64; UNKNOWNS],
     pub(super) gain: f64,
     /// Sum of squares that is left after it.
     pub(super) left: f64,
@@ -22,7 +22,7 @@ impl Step {
         let gain = 1.0 + found[7];
         let usable = gain.clamp(GAIN_RANGE.0, GAIN_RANGE.1);
         Self {
-            by: found.map(|unknown| unknown / usable),
+            delta: found.map(|unknown| unknown / usable),
             gain,
             left: (squared - explained).max(0.0),
         }
@@ -30,7 +30,7 @@ impl Step {
 
     /// How far it moves the window's rim, in pixels.
     pub(super) fn size(&self) -> f64 {
-        self.by[..6]
+        self.delta[..6]
             .iter()
             .map(|part| part * part)
             .sum::<f64>()
@@ -39,13 +39,13 @@ impl Step {
 
     /// `warp` after the step, for a window of so many pixels from the centre to the rim.
     pub(super) fn apply(&self, warp: Warp, half: f64) -> Warp {
-        let by = &self.by;
+        let delta = &self.delta;
         let change = [
-            [1.0 + by[1] / half, by[2] / half],
-            [by[4] / half, 1.0 + by[5] / half],
+            [1.0 + delta[1] / half, delta[2] / half],
+            [delta[4] / half, 1.0 + delta[5] / half],
         ];
         let matrix = product(warp.matrix, inverted(change));
-        let moved = Warp { matrix, ..warp }.turn([by[0], by[3]]);
+        let moved = Warp { matrix, ..warp }.turn([delta[0], delta[3]]);
         Warp {
             shift: [warp.shift[0] - moved[0], warp.shift[1] - moved[1]],
             matrix,

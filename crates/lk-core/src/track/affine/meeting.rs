@@ -1,6 +1,6 @@
 //! Which pixels of a window count, at both of its ends.
 
-use crate::simd::{Kernel, Level, dispatch};
+use crate::simd::{Kernel, SimdLevel, dispatch};
 use crate::support::{CLIPPED, COUNTS, Support};
 use crate::track::affine::template::{Samples, stride};
 use crate::track::affine::warp::Positions;
@@ -56,7 +56,7 @@ impl Counting {
         &mut self,
         support: &Support,
         positions: &Positions,
-        level: Level,
+        level: SimdLevel,
     ) -> Meeting {
         let [x, y] = positions.bounds();
         let low = [x, y].map(|[low, _]| low.floor() as isize - 1);

@@ -36,7 +36,7 @@ const FIRST_CELLS: usize = 4;
 const FITTED: usize = 6;
 
 /// How far, in pixels, a window that lies partly outside may be from where the points around lead.
-const MOST_APART: f64 = 0.5;
+const MAX_SEPARATION: f64 = 0.5;
 
 /// The levels from which a neighbour's motion, and a point's own displacement, which is exact, are followed down.
 const NEAR_LEVEL: usize = 1;
@@ -433,8 +433,9 @@ impl Deformed {
                 }
             }
             let own = track.displacement(*point);
-            let differs =
-                |warp: Warp| (warp.shift[0] - own[0]).hypot(warp.shift[1] - own[1]) > MOST_APART;
+            let differs = |warp: Warp| {
+                (warp.shift[0] - own[0]).hypot(warp.shift[1] - own[1]) > MAX_SEPARATION
+            };
             if fit.warp().is_some_and(differs) {
                 tracks[index] = TrackedPoint {
                     residual: track.residual,

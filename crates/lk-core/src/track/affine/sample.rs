@@ -307,7 +307,7 @@ mod tests {
 
     use super::*;
     use crate::sample::{bilinear, cubic};
-    use crate::simd::{Level, dispatch_eight};
+    use crate::simd::{SimdLevel, dispatch_eight};
     use crate::track::affine::warp::Warp;
     use crate::track::patch::Window;
 
@@ -348,7 +348,7 @@ mod tests {
             let positions = Positions::around([x, y], matrix, window, 0);
             for filter in [Filter::Linear, Filter::Spline] {
                 let mut want = None;
-                for level in Level::available() {
+                for level in SimdLevel::available() {
                     let mut found = vec![0.0; width * height + 7];
                     let mut copied = Box::new(Copied::new());
                     let sampled = dispatch_eight(level, SampleWarped {

@@ -6,7 +6,7 @@
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::scratch::with_scratch;
-use crate::simd::{EIGHT, Kernel, Level, dispatch, dispatch_eight};
+use crate::simd::{EIGHT, Kernel, SimdLevel, dispatch, dispatch_eight};
 use crate::track::affine::sample::{Copied, Filter, SampleWarped};
 use crate::track::affine::warp::{Positions, Warp};
 use crate::track::patch::Window;
@@ -44,7 +44,7 @@ pub(in crate::track) struct Search<'a> {
     prev: &'a Plane,
     next: &'a Plane,
     level: usize,
-    simd: Level,
+    simd: SimdLevel,
     /// The largest displacement in pixels of the level.
     reach: [isize; 2],
     /// One over the deviation of each patch of `next`, times its area's root, by its middle; 0 where it has none.
@@ -99,7 +99,7 @@ impl<'a> Search<'a> {
         prev: &'a [Plane],
         next: &'a [Plane],
         longest: Option<f32>,
-        simd: Level,
+        simd: SimdLevel,
     ) -> Result<Self> {
         let level = prev
             .iter()

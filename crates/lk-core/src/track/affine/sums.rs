@@ -272,7 +272,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::simd::{Level, dispatch_eight};
+    use crate::simd::{SimdLevel, dispatch_eight};
     use crate::track::affine::template::{Differentiate, ROOM};
     use crate::track::patch::Window;
 
@@ -292,7 +292,7 @@ mod tests {
             window,
             template: &mut template,
         };
-        dispatch_eight(Level::Baseline, kernel);
+        dispatch_eight(SimdLevel::Baseline, kernel);
         samples.rotate_left(13);
         (template, samples)
     }
@@ -355,7 +355,7 @@ mod tests {
                 }
             }
             let keep = masked.then_some(&*keep);
-            for level in Level::available() {
+            for level in SimdLevel::available() {
                 let found = dispatch_eight(level, Square { template: &template, keep, lit });
                 let (sums, total) = dispatch_eight(level, Project { template: &template, samples: &samples, keep });
                 prop_assert!((total - squared).abs() <= 1e-5 * squared);

@@ -17,7 +17,7 @@ const ACROSS: f64 = 0.3;
 const SAME: f64 = 0.25;
 
 /// Levels that are looked at, and on each the shortest and the longest lag, in its own pixels.
-const LOOKS: [(isize, isize); 3] = [(3, 8), (4, 12), (5, 16)];
+const LAG_RANGES: [(isize, isize); 3] = [(3, 8), (4, 12), (5, 16)];
 
 /// How far the last of the levels is looked at.
 const REACH: isize = 16;
@@ -140,11 +140,11 @@ impl Problem<'_> {
             first: 0,
         };
         let alike = LEAST_ALIKE.min(MARGIN.0 * alike + MARGIN.1);
-        let looks = LOOKS.len().min(self.prev.len());
-        let mut found: [Option<Minima>; LOOKS.len()] = [const { None }; LOOKS.len()];
+        let levels = LAG_RANGES.len().min(self.prev.len());
+        let mut found: [Option<Minima>; LAG_RANGES.len()] = [const { None }; LAG_RANGES.len()];
         let mut best = f32::INFINITY;
-        for (level, (least, reach)) in LOOKS.into_iter().take(looks).enumerate() {
-            let reach = if level + 1 == looks { REACH } else { reach };
+        for (level, (least, reach)) in LAG_RANGES.into_iter().take(levels).enumerate() {
+            let reach = if level + 1 == levels { REACH } else { reach };
             let minima = self.minima(
                 point,
                 level,

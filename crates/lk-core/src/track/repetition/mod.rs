@@ -88,12 +88,12 @@ impl Repetition {
         self.others.clear();
         resize(POINTS, &mut self.others, points.len(), Others::NONE)?;
         self.choose_first(problem, points, tracks)?;
-        self.look(problem, points, tracks)?;
+        self.find_others(problem, points, tracks)?;
         if !self.others.iter().any(|others| others.count > 0) {
             return Ok(());
         }
         while self.ask_near(problem, points, grid)? {
-            self.look(problem, points, tracks)?;
+            self.find_others(problem, points, tracks)?;
         }
         for _ in 0..MOVES {
             self.pass_on(problem, points, tracks, grid)?;
@@ -103,7 +103,7 @@ impl Repetition {
             if !self.follow(problem, points, tracks)? {
                 break;
             }
-            self.look(problem, points, tracks)?;
+            self.find_others(problem, points, tracks)?;
         }
         let mut rejected = std::mem::take(&mut self.moved);
         let ends = (0..points.len()).map(|index| {
@@ -168,7 +168,7 @@ impl Repetition {
     }
 
     /// Find what else explains the windows of which that is unknown, and what the pixels around say of it.
-    fn look(
+    fn find_others(
         &mut self,
         problem: &Problem<'_>,
         points: &[[f32; 2]],

@@ -8,8 +8,8 @@ use crate::track::solve::{Problem, Workspace};
 
 /// What another displacement may leave in the window, as a share of what the found one leaves, and as one of the window's
 /// own variance: the pixels between the samples differ a little from period to period.
-const AS_WELL: f64 = 1.5;
-const AS_WELL_SHARE: f64 = 0.002;
+const EXPLAINS_RATIO: f64 = 1.5;
+const EXPLAINS_SHARE: f64 = 0.002;
 
 /// Other displacements of one point: along each lag and against it.
 pub(super) const MAX_OTHERS: usize = 2 * MAX_LAGS;
@@ -73,7 +73,7 @@ impl Others {
 /// How much the surroundings of a point may differ from themselves a lag away where the found displacement leaves this
 /// share of the window's variance: another one that explains the window as well is so near to it at most.
 pub(super) fn alike(unexplained: f32) -> f32 {
-    let other = AS_WELL as f32 * unexplained + AS_WELL_SHARE as f32;
+    let other = EXPLAINS_RATIO as f32 * unexplained + EXPLAINS_SHARE as f32;
     let apart = unexplained.sqrt() + other.sqrt();
     0.5 * apart * apart
 }
@@ -117,7 +117,7 @@ impl Problem<'_> {
             };
             if apart < SAME * length
                 && other[0].hypot(other[1]) <= longest
-                && left <= AS_WELL * residual * residual + AS_WELL_SHARE * signal
+                && left <= EXPLAINS_RATIO * residual * residual + EXPLAINS_SHARE * signal
                 && !others.list().iter().any(near)
             {
                 others.list[others.count].lag = lag;

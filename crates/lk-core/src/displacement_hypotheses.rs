@@ -7,7 +7,7 @@ use crate::frame::Plane;
 use crate::phase::phase_correlation;
 
 /// Longest side, in pixels, of the level that is correlated: its transform takes well below a millisecond.
-const LONGEST: usize = 200;
+const MAX_SIDE: usize = 200;
 
 /// Peaks taken from the surface of the frame, and from that of each tile.
 const FRAME_PEAKS: usize = 3;
@@ -17,27 +17,27 @@ const TILE_PEAKS: usize = 2;
 const TILES: usize = 3;
 
 /// Tiles below this many pixels a side show no peak that is worth a look.
-const SMALLEST_TILE: usize = 16;
+const MIN_TILE: usize = 16;
 
 /// Displacements to try, in pixels of the frame.
 #[derive(Debug, Default)]
-pub(crate) struct Seeds {
+pub(crate) struct Hypotheses {
     frame: Vec<[f64; 2]>,
     tiles: Vec<Vec<[f64; 2]>>,
     size: (usize, usize),
-    /// The level that the seeds come from: they are right to about half a pixel there.
+    /// The level that the hypotheses come from: they are right to about half a pixel there.
     level: usize,
 }
 
-impl Seeds {
-    /// Forget all seeds.
+impl Hypotheses {
+    /// Forget all hypotheses.
     pub(crate) fn clear(&mut self) {
         self.frame.clear();
         self.tiles.clear();
         self.level = 0;
     }
 
-    /// The level that the seeds come from.
+    /// The level that the hypotheses come from.
     pub(crate) fn level(&self) -> usize {
         self.level
     }
@@ -46,7 +46,7 @@ impl Seeds {
     pub(crate) fn find(prev: &[Plane], next: &[Plane], execution: &Execution) -> Result<Self> {
         let level = prev
             .iter()
-            .position(|plane| plane.width().max(plane.height()) <= LONGEST)
+            .position(|plane| plane.width().max(plane.height()) <= MAX_SIDE)
             .unwrap_or(prev.len() - 1);
         let (prev, next) = (&prev[level], &next[level]);
         let scale = f64::from(1u32 << level);
@@ -54,7 +54,7 @@ impl Seeds {
         let frame = peaks(prev, next, (0, 0), (width, height), scale, FRAME_PEAKS)?;
         let (tile_width, tile_height) = (width / 2, height / 2);
         let mut tiles = Vec::new();
-        if tile_width.min(tile_height) >= SMALLEST_TILE {
+        if tile_width.min(tile_height) >= MIN_TILE {
             for row in 0..TILES {
                 for column in 0..TILES {
                     execution.check()?;
@@ -75,21 +75,21 @@ impl Seeds {
         })
     }
 
-    /// All seeds that are at least `apart` pixels from those before them, those of the frame first.
+    /// All hypotheses that are at least `apart` pixels from those before them, those of the frame first.
     pub(crate) fn distinct(&self, apart: f64) -> Vec<[f64; 2]> {
         let mut found: Vec<[f64; 2]> = Vec::new();
-        for seed in self.frame.iter().chain(self.tiles.iter().flatten()) {
+        for hypothesis in self.frame.iter().chain(self.tiles.iter().flatten()) {
             let near = |other: &[f64; 2]| {
-                (other[0] - seed[0]).abs() < apart && (other[1] - seed[1]).abs() < apart
+                (other[0] - hypothesis[0]).abs() < apart && (other[1] - hypothesis[1]).abs() < apart
             };
             if !found.iter().any(near) {
-                found.push(*seed);
+                found.push(*hypothesis);
             }
         }
         found
     }
 
-    /// The seeds for a point.
+    /// The hypotheses for a point.
     pub(crate) fn at(&self, [x, y]: [f32; 2]) -> impl Iterator<Item = [f64; 2]> {
         // The tile whose centre is nearest: centres stand at 1/4, 2/4 and 3/4 of the frame.
         let nearest = |coordinate: f32, size: usize| {

@@ -1,4 +1,4 @@
-//! Threads that stay awake during a call: to wake one takes tens of microseconds, more than a band of a small level.
+//! Threads that are kept warm during a call: to wake one takes tens of microseconds, more than a band of a small level.
 
 use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -77,32 +77,32 @@ fn accompany(threads: usize, call: &Call<'_>, work: &mut (dyn FnMut() + Send)) {
     );
 }
 
-/// How long a thread waits for work before it may fall asleep.
-const PATIENCE: Duration = Duration::from_micros(200);
+/// How long a thread spins for work before it may fall asleep: some times what waking it costs.
+const SPIN_TIME: Duration = Duration::from_micros(200);
 
-/// Looks at what is waited for between two looks at the queues, which are left to those who fill them meanwhile.
-const GLANCES: usize = 8;
+/// Spins on what is waited for between two polls of the queues, which are left to those who fill them meanwhile.
+const SPINS_PER_POLL: usize = 8;
 
-/// Looks at the queues between two offers of the CPU to other processes.
-const LOOKS: usize = 8;
+/// Polls of the queues between two offers of the CPU to other processes.
+const POLLS_PER_YIELD: usize = 8;
 
 /// Do what others of the pool have to do, while `wanted` and not long without any.
 pub(super) fn help_while(wanted: impl Fn() -> bool) {
-    let (mut last, mut looks) = (None, 0);
+    let (mut last, mut polls) = (None, 0);
     while wanted() {
         if rayon::yield_now() == Some(Yield::Executed) {
-            (last, looks) = (None, 0);
+            (last, polls) = (None, 0);
             continue;
         }
-        for _ in 0..GLANCES {
+        for _ in 0..SPINS_PER_POLL {
             if !wanted() {
                 return;
             }
             std::hint::spin_loop();
         }
-        looks += 1;
-        if looks % LOOKS == 0 {
-            if last.get_or_insert_with(Instant::now).elapsed() > PATIENCE {
+        polls += 1;
+        if polls % POLLS_PER_YIELD == 0 {
+            if last.get_or_insert_with(Instant::now).elapsed() > SPIN_TIME {
                 return;
             }
             std::thread::yield_now();
