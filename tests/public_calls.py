@@ -24,8 +24,8 @@ from rsflow.camera import calibration
 from rsflow.extraction import ExtractSettings, Measured
 from rsflow.synthetic import Flight, Sensor
 
-# Not for callers of the package: the command line has a test of its own, and the search serves `calibrate` alone.
-_NOT_WALKED = {"rsflow.cli", "rsflow.camera.views"}
+# Not for callers of the package: the command line has a test of its own.
+_NOT_WALKED = {"rsflow.cli"}
 
 
 def modules(package: ModuleType = rsflow) -> Iterator[ModuleType]:
@@ -308,21 +308,21 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         bench.with_tables,
         {"text": f"{bench.BEGIN}\n{bench.END}\n", "bench": bench.Bench((_bench_row(),), "avx2", 1, 1, {})},
     ),
-    "rsflow.camera.board.Board": lambda _: (boards.Board, _fields(BOARD)),
-    "rsflow.camera.board.Board.points": lambda _: (BOARD.points, {}),
-    "rsflow.camera.board.Board.smaller": lambda _: (boards.Board((5, 4), 0.02).smaller, {}),
-    "rsflow.camera.board.Corners": lambda _: (
+    "rsflow.calibration.Board": lambda _: (boards.Board, _fields(BOARD)),
+    "rsflow.calibration.Board.points": lambda _: (BOARD.points, {}),
+    "rsflow.calibration.Board.smaller": lambda _: (boards.Board((5, 4), 0.02).smaller, {}),
+    "rsflow.calibration.Corners": lambda _: (
         boards.Corners,
         {"points": np.zeros((1, 2), np.float32), "ids": np.zeros(1, np.int64), "plain": np.zeros((1, 2), np.float32)},
     ),
-    "rsflow.camera.board.find_corners": lambda _: (boards.find_corners, {"image": frame(), "board": BOARD}),
-    "rsflow.camera.calibration.View": lambda _: (calibration.View, {"name": "a", "used": True}),
-    "rsflow.camera.formats.format_of": lambda _: (rsflow.camera.formats.format_of, {"path": "camera.json"}),
-    "rsflow.camera.formats.load_camera": lambda folder: (
+    "rsflow.calibration.find_corners": lambda _: (boards.find_corners, {"image": frame(), "board": BOARD}),
+    "rsflow.calibration.View": lambda _: (calibration.View, {"name": "a", "used": True}),
+    "rsflow.camera.format_of": lambda _: (rsflow.camera.formats.format_of, {"path": "camera.json"}),
+    "rsflow.camera.load_camera": lambda folder: (
         rsflow.camera.formats.load_camera,
         {"path": folder / "camera.json"},
     ),
-    "rsflow.camera.formats.save_camera": lambda folder: (
+    "rsflow.camera.save_camera": lambda folder: (
         rsflow.camera.formats.save_camera,
         {"camera": CAMERA, "path": folder / "saved.json"},
     ),

@@ -16,9 +16,9 @@ import pytest
 
 import rsflow
 from extraction_helpers import made_flight, names_in
-from rsflow._batch_stop import StopWish, stoppable
-from rsflow._batch_workers import Workers
 from rsflow.batch import extract_many, folder_names
+from rsflow.batch.stop import StopWish, stoppable
+from rsflow.batch.workers import Workers
 from rsflow.cli import main
 from rsflow.errors import OptionError
 from rsflow.extraction.stopping import StopRequest

@@ -91,7 +91,7 @@ class BoardCamera:
 
 
 def test_a_live_camera_is_calibrated_with_hints_where_to_hold_the_board(monkeypatch, capsys):
-    monkeypatch.setattr("rsflow.camera._live.LiveReader._opened", lambda _self: BoardCamera())
+    monkeypatch.setattr("rsflow.capture.live.LiveReader._opened", lambda _self: BoardCamera())
     views()
     assert main(["calibrate", "0", "--board", "8x6", "--square", "0.025", "--max-views", "5", "--json"]) == 0
     out = capsys.readouterr()
@@ -101,7 +101,7 @@ def test_a_live_camera_is_calibrated_with_hints_where_to_hold_the_board(monkeypa
 
 
 def test_ctrl_c_ends_a_live_source_that_has_shown_enough(monkeypatch):
-    monkeypatch.setattr("rsflow.camera._live.LiveReader._opened", lambda _self: BoardCamera())
+    monkeypatch.setattr("rsflow.capture.live.LiveReader._opened", lambda _self: BoardCamera())
 
     def interrupt_after(count):
         def on_view(_view, usable):

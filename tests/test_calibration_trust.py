@@ -14,15 +14,15 @@ import rsflow
 from calibration_helpers import BOARD as SEEN_BOARD
 from calibration_helpers import SQUARE_M, TRUTH, chessboard, render, views
 from calibration_sets import BOARD, SIZE, MadeSet, made_camera, made_poses, made_set, seen
-from rsflow.camera import _lens_doubts, _solve
+from rsflow.calibration import lens_doubts, solve
 from rsflow.cli import main
 
 
-def solved(made: MadeSet, coefficients: int, model: str = "pinhole") -> _solve.Solution:
-    return _solve.solve(made.boards, made.corners, made.camera.size, coefficients, False, model=model)
+def solved(made: MadeSet, coefficients: int, model: str = "pinhole") -> solve.Solution:
+    return solve.solve(made.boards, made.corners, made.camera.size, coefficients, False, model=model)
 
 
-def outcome(made: MadeSet, coefficients: int, model: str = "pinhole") -> _solve.Solution | str:
+def outcome(made: MadeSet, coefficients: int, model: str = "pinhole") -> solve.Solution | str:
     """Give the solution, or why there is none."""
     try:
         return solved(made, coefficients, model)
@@ -81,15 +81,15 @@ def test_nearly_parallel_views_are_refused_with_what_was_measured_and_what_is_ne
 def test_starts_that_end_apart_with_sums_as_good_are_refused():
     made = made_set(11, tilt_deg=30.0, count=8)
     solution = solved(made, 5)
-    ends = _solve.ends(solution.problem)
+    ends = solve.ends(solution.problem)
     assert len(ends) >= 4
     focals = [end.camera[0] for end in ends]
     assert np.ptp(focals) < 1e-3 * focals[0]
     std = float(solution.std[0])
-    _solve._agree(ends, solution.found, std, solution.span_rad)
+    solve._agree(ends, solution.found, std, solution.span_rad)
     ends[1].camera[0] *= 1.3
     with pytest.raises(rsflow.CalibrationError, match=r"focal lengths from \d+ to \d+ px explain them equally well"):
-        _solve._agree(ends, solution.found, std, solution.span_rad)
+        solve._agree(ends, solution.found, std, solution.span_rad)
 
 
 def test_every_number_of_coefficients_calibrates():
@@ -150,7 +150,7 @@ def test_a_fisheye_lens_is_calibrated_reported_and_written(tmp_path, capsys):
 def test_a_pinhole_model_on_a_fisheye_lens_is_told():
     for seed in (50, 51, 53):
         found = outcome(made_set(seed, model="fisheye", tilt_deg=35.0, count=10), 5)
-        said = found if isinstance(found, str) else _lens_doubts.doubts(found.problem, found.found).said[0]
+        said = found if isinstance(found, str) else lens_doubts.doubts(found.problem, found.found).said[0]
         assert "fisheye" in said
     _, images = fisheye_views(8)
     result = rsflow.calibrate(images, board=(8, 6), square_size_m=0.025, coefficients=4)
@@ -176,7 +176,7 @@ def test_motion_while_rows_are_read_is_told_and_noise_is_not():
                 pixels = camera.distort_points(at[:, :2] / at[:, 2:], normalized=True)
             corners.append((pixels + rng.normal(0, 0.06, pixels.shape)).astype(np.float32))
         solution = solved(MadeSet(camera, corners, 35.0, 0.06), 5)
-        said = _lens_doubts.doubts(solution.problem, solution.found).said
+        said = lens_doubts.doubts(solution.problem, solution.found).said
         assert any("rolling shutter" in line for line in said) is told, said
 
 
@@ -190,21 +190,21 @@ def test_views_of_two_zooms_are_told(seed: int, zoom: float):
         pixels = seen(zoomed if place % 2 else camera, pose, points)
         corners.append((pixels + rng.normal(0, 0.06, pixels.shape)).astype(np.float32))
     solution = solved(MadeSet(camera, corners, 35.0, 0.06), 5)
-    said = _lens_doubts._zoomed(solution.problem, solution.found)
+    said = lens_doubts._zoomed(solution.problem, solution.found)
     assert "the focal length differs from view to view" in said
-    assert not any("rolling" in line for line in _lens_doubts.doubts(solution.problem, solution.found).said)
+    assert not any("rolling" in line for line in lens_doubts.doubts(solution.problem, solution.found).said)
 
 
 def test_a_trend_along_the_radius_is_told():
     made = made_set(21, tilt_deg=35.0, count=12, perfect=True)
     solution = solved(made, 5)
-    assert _lens_doubts._radial(solution.problem, solution.found) == ""
+    assert lens_doubts._radial(solution.problem, solution.found) == ""
     away = solution.problem.seen - solution.found.camera[2:4]
     radius = np.linalg.norm(away, axis=-1, keepdims=True)
     wave = 0.2 * np.sin(radius / 20) * away / np.maximum(radius, 1.0)
     corners = [(seen_in + wave[i]).astype(np.float32) for i, seen_in in enumerate(made.corners)]
     solution = solved(MadeSet(made.camera, corners, 35.0, 0.1), 5)
-    assert "trend along the radius" in _lens_doubts._radial(solution.problem, solution.found)
+    assert "trend along the radius" in lens_doubts._radial(solution.problem, solution.found)
 
 
 def test_corners_that_lie_off_hardly_move_the_camera():
@@ -222,11 +222,11 @@ def test_corners_that_lie_off_hardly_move_the_camera():
 def test_of_many_corners_some_are_taken_and_all_are_told(monkeypatch):
     made = made_set(33, tilt_deg=35.0, count=8, perfect=True)
     full = solved(made, 5)
-    monkeypatch.setattr(_solve, "_MOST_CORNERS", 200)
-    monkeypatch.setattr(_solve, "_START_CORNERS", 100)
+    monkeypatch.setattr(solve, "_MOST_CORNERS", 200)
+    monkeypatch.setattr(solve, "_START_CORNERS", 100)
     some = solved(made, 5)
     assert [len(part) for part in some.residuals] == [BOARD.corners] * 8
     assert (np.abs(some.values - full.values) < 3 * some.std).all()
     assert some.std[0] > full.std[0]
     assert some.rms < 1.5 * full.rms
-    np.testing.assert_allclose(_solve.again(full, made.corners)[:4], full.values[:4], atol=0.02)
+    np.testing.assert_allclose(solve.again(full, made.corners)[:4], full.values[:4], atol=0.02)

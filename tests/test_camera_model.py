@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rsflow
-from rsflow.camera import _distortion
+from rsflow.camera import distortion
 
 LENS = (-0.2561, 0.13089, -0.00019, 0.00004, 0.0)
 
@@ -181,9 +181,9 @@ def test_the_jacobian_is_that_of_differences(model):
     ]
     xy = np.random.default_rng(3).uniform(-0.8, 0.8, (200, 2))
     step = 1e-6
-    got = np.stack(_distortion.lens_map(model, lens, xy[:, 0], xy[:, 1])[2:], axis=1)
+    got = np.stack(distortion.lens_map(model, lens, xy[:, 0], xy[:, 1])[2:], axis=1)
     by_x, by_y = (
-        (_distortion.forward(model, lens, xy + shift) - _distortion.forward(model, lens, xy - shift)) / (2 * step)
+        (distortion.forward(model, lens, xy + shift) - distortion.forward(model, lens, xy - shift)) / (2 * step)
         for shift in (np.array([step, 0.0]), np.array([0.0, step]))
     )
     assert np.allclose(got, np.column_stack([by_x[:, 0], by_y[:, 0], by_x[:, 1], by_y[:, 1]]), atol=1e-8)

@@ -40,11 +40,13 @@ def test_docstring_examples(name: str, tmp_path: Path, monkeypatch: pytest.Monke
 PUBLIC = [
     "rsflow.batch",
     "rsflow.bench",
+    "rsflow.calibration",
     "rsflow.camera.board",
     "rsflow.camera.calibration",
     "rsflow.camera.capture",
     "rsflow.camera.formats",
     "rsflow.camera.model",
+    "rsflow.capture",
     "rsflow.errors",
     "rsflow.extraction",
     "rsflow.flow",

@@ -33,7 +33,7 @@ def done(flight, tmp_path_factory):
 
 def test_files_are_there_and_nothing_else(done):
     assert done.complete
-    assert names_in(done.folder) == FILES | {"velocity.csv", "track.csv"}
+    assert names_in(done.folder) == FILES | {"velocity.csv", "trajectory.csv"}
     assert {path.name for path in done.files.values()} == names_in(done.folder)
     assert done.summary["files"] == {name: path.name for name, path in done.files.items()}
 
@@ -62,7 +62,7 @@ def test_velocity_and_track_are_true(done, flight):
     assert {row["status"] for row in rows[1:]} == {"ok"}
     assert numbers(rows, "vx_m_s")[1:].mean() == pytest.approx(0.04, rel=0.01)
     assert numbers(rows, "vy_m_s")[1:].mean() == pytest.approx(-0.015, rel=0.02)
-    track = rows_of(done.files["track"])
+    track = rows_of(done.files["trajectory"])
     end = flight.position_m[-1] - flight.position_m[0]
     assert float(track[-1]["x_m"]) == pytest.approx(end[0], rel=0.01)
     assert float(track[-1]["y_m"]) == pytest.approx(end[1], rel=0.02)
@@ -141,7 +141,7 @@ def test_heights_from_a_table(flight, tmp_path):
     )  # fmt: skip
     rows = rows_of(out.files["velocity"])
     assert [row["status"] for row in rows] == ["first_frame", "ok", "no_height", "ok"]
-    track = rows_of(out.files["track"])
+    track = rows_of(out.files["trajectory"])
     assert [row["segment"] for row in track] == ["1", "1", "1", "2"]
     assert track[2]["x_m"] == "nan"
     report = out.files["report"].read_text()

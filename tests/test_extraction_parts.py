@@ -16,7 +16,7 @@ from rsflow.extraction.progress import Progress, clock
 from rsflow.extraction.rows import status_word
 from rsflow.extraction.series import Series, runs
 from rsflow.extraction.tables import CsvTable, cell
-from rsflow.extraction.track import Track
+from rsflow.extraction.trajectory import Trajectory
 
 # --- parts ----------------------------------------------------------------------------------------------------------
 
@@ -128,7 +128,7 @@ def test_track_follows_a_turning_camera():
         frames=20, height_m=HEIGHT_M, velocity_m_s=(0.05, 0.0, 0.0), rate_rad_s=(0.0, 0.0, 0.6), seed=4
     )
     estimator = rsflow.VelocityEstimator(flight.camera, height_m=HEIGHT_M)
-    track = Track()
+    track = Trajectory()
     rows = [
         track.add(estimator.update(image, t_s), index)
         for index, (image, t_s) in enumerate(zip(flight.images, flight.t_s, strict=True))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import rsflow
-from rsflow import _files, _processes
-from rsflow._files import Working, remove_leftovers, working_name, writing
+from rsflow.io import atomic, processes
+from rsflow.io.atomic import Working, remove_leftovers, working_name, writing
 
 posix = pytest.mark.skipif(os.name != "posix", reason="as POSIX has it")
 
@@ -191,7 +191,7 @@ def test_a_folder_in_the_place_of_the_file_is_an_error_that_names_it(tmp_path):
 LEAVE = """
 import sys, time
 from pathlib import Path
-from rsflow._files import Working
+from rsflow.io.atomic import Working
 files = [Working(Path(sys.argv[1], "x.csv")) for _ in range(3)]
 print("ready", flush=True)
 time.sleep(600)
@@ -214,7 +214,7 @@ def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path):
     process.kill()
     process.communicate()
     # The next writer into the folder removes it, once.
-    _files._swept.clear()
+    atomic._swept.clear()
     rsflow.write_flow(tmp_path / "y.flo", np.zeros((4, 4, 2), np.float32))
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {mine.path.name, foreign.name, other.name, "y.flo"}
@@ -223,15 +223,15 @@ def test_what_a_killed_process_left_is_removed_and_nothing_else(tmp_path):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="knows dead processes by /proc")
 def test_a_process_that_got_the_number_of_a_dead_one_is_not_it():
-    pid, machine, started = _processes.this_process().split("-")
-    assert _processes.is_alive(f"{pid}-{machine}-{started}")
-    assert not _processes.is_alive(f"{pid}-{machine}-{int(started) - 1}")
-    assert _processes.is_alive(f"{pid}-{int(machine, 16) ^ 1:x}-{int(started) - 1}")
+    pid, machine, started = processes.this_process().split("-")
+    assert processes.is_alive(f"{pid}-{machine}-{started}")
+    assert not processes.is_alive(f"{pid}-{machine}-{int(started) - 1}")
+    assert processes.is_alive(f"{pid}-{int(machine, 16) ^ 1:x}-{int(started) - 1}")
     child = subprocess.Popen([sys.executable, "-c", ""])
     number = child.pid
     ticks = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[19]
     # Ended, but not yet waited for.
     os.waitid(os.P_PID, number, os.WEXITED | os.WNOWAIT)
-    assert not _processes.is_alive(f"{number}-{machine}-{ticks}")
+    assert not processes.is_alive(f"{number}-{machine}-{ticks}")
     child.wait()
-    assert not _processes.is_alive(f"{number}-{machine}-{ticks}")
+    assert not processes.is_alive(f"{number}-{machine}-{ticks}")

@@ -26,7 +26,7 @@ BUILT_IN = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectory
 # Where an argument is called something else in the messages: what it is called where the user wrote it first, or which
 # picture of a source it is.
 ALIASES = {
-    "rsflow.camera.board.Board.size": ("board",),
+    "rsflow.calibration.Board.size": ("board",),
     "rsflow.calibrate.images": ("images", ", frame "),
     "rsflow.extract.source": ("source", ", frame "),
     "rsflow.live.readings.source": ("source", ", frame "),

@@ -13,8 +13,8 @@ import pytest
 import rsflow
 from extraction_helpers import names_in
 from rsflow import synthetic
-from rsflow._identity import of_file, of_settings, of_source
-from rsflow._inputs import Inputs, source_files
+from rsflow._results.identity import of_file, of_settings, of_source
+from rsflow._results.inputs import Inputs, source_files
 from rsflow.batch import extract_many
 from rsflow.cli import main
 from rsflow.errors import CaptureError, OptionError
@@ -115,9 +115,9 @@ def test_pictures_pairs_files_of_flow_and_of_cameras(here, capsys):
         rsflow.camera.formats.convert_camera("camera.json", "./camera.json")
     shutil.copy("camera.json", "velocity.csv")
     assert "velocity.csv" in refused(["velocity", "clip.mp4", "--camera", "velocity.csv", "--height", "1"], capsys)
-    shutil.copy("heights.csv", "track.csv")
-    arguments = ["extract", "clip.mp4", "-o", ".", "--camera", "camera.json", "--height-csv", "track.csv"]
-    assert "track.csv" in refused(arguments, capsys)
+    shutil.copy("heights.csv", "trajectory.csv")
+    arguments = ["extract", "clip.mp4", "-o", ".", "--camera", "camera.json", "--height-csv", "trajectory.csv"]
+    assert "trajectory.csv" in refused(arguments, capsys)
 
 
 @pytest.mark.parametrize(
@@ -157,13 +157,13 @@ def test_what_is_no_frame_is_written_beside_the_pictures(here, capsys):
     lambda: rsflow.extract(Path("flow.mp4").resolve(), Path()),
     lambda: rsflow.extract(["imgs/000.png", "imgs/001.png"], "imgs"),
     lambda: rsflow.extract([("imgs/000.png", 0.0), ("imgs/001.png", 0.1)], "./imgs/../imgs"),
-    lambda: rsflow.extract("clip.mp4", ".", camera="track.csv", height_m=0.2),
+    lambda: rsflow.extract("clip.mp4", ".", camera="trajectory.csv", height_m=0.2),
     lambda: extract_many(["flow.mp4", "out/flow/motion.csv"], "out"),
     lambda: rsflow.extract(f"file://{Path('flow.mp4').resolve()}", "."),
 ])  # fmt: skip
 def test_functions_refuse_too(here, call):
     shutil.copy("clip.mp4", "flow.mp4")
-    shutil.copy("camera.json", "track.csv")
+    shutil.copy("camera.json", "trajectory.csv")
     Path("out/flow").mkdir(parents=True)
     shutil.copy("clip.mp4", "out/flow/motion.csv")
     before = contents(here)

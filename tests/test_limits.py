@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 import rsflow
-from rsflow._limits import max_pixels_of
-from rsflow._picture_headers import picture_header
+from rsflow.io.limits import max_pixels_of
+from rsflow.io.picture_headers import picture_header
 
 
 def png(width: int, height: int, depth: int = 8, kind: int = 0, body: bytes = b"", *, lie: int | None = None) -> bytes:
@@ -79,7 +79,7 @@ def test_a_lying_file_takes_no_memory(tmp_path: Path) -> None:
         (tmp_path / name).write_bytes(data)
     script = """if True:
         import pathlib, resource, sys
-        import cv2, rsflow, rsflow.camera._sources
+        import cv2, rsflow, rsflow.capture.sources
         size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (size + 2**28, size + 2**28))
         for path in sorted(pathlib.Path(sys.argv[1]).iterdir()):

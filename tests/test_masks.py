@@ -14,7 +14,7 @@ import pytest
 
 import rsflow
 from rsflow import PointStatus, cli, synthetic
-from rsflow._masks import FixedMask, read_mask
+from rsflow.capture.masks import FixedMask, read_mask
 from rsflow.errors import CaptureError, DTypeError, OptionError, ShapeError
 from rsflow.extraction import checkpoint
 
@@ -453,7 +453,7 @@ def test_a_run_goes_on_with_the_same_mask_alone(here: Path, tmp_path: Path, monk
                 rsflow.extract("pictures", out, mask=mask, resume=True, **options)
             cv2.imwrite(str(tmp_path / "m.png"), keep * np.uint8(255))
         rsflow.extract("pictures", out, mask=mask, resume=True, **options)
-        for table in ("motion.csv", "objects.csv", "velocity.csv", "track.csv"):
+        for table in ("motion.csv", "objects.csv", "velocity.csv", "trajectory.csv"):
             assert (out / table).read_bytes() == (whole.folder / table).read_bytes(), table
 
 

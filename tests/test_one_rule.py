@@ -86,11 +86,11 @@ def test_a_flow_of_negative_size_is_no_flow(tmp_path):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no full device here")
 @pytest.mark.parametrize("suffix", ["npy", "flo", "pfm", "npz"])
 def test_a_full_disk_is_said(tmp_path, monkeypatch, suffix):
-    from rsflow import _files
+    from rsflow.io import atomic
 
     # The file beside is on a disk that is full.
-    monkeypatch.setattr(_files.Working, "_beside", lambda _: Path("/dev/full"))
-    monkeypatch.setattr(_files.Working, "discard", lambda _: None)
+    monkeypatch.setattr(atomic.Working, "_beside", lambda _: Path("/dev/full"))
+    monkeypatch.setattr(atomic.Working, "discard", lambda _: None)
     with pytest.raises(OSError, match=r"cannot write .*x\.\w+: No space left on device") as caught:
         rsflow.write_flow(tmp_path / f"x.{suffix}", np.random.default_rng(1).normal(0, 1, (200, 200, 2)))
     assert caught.value.errno == errno.ENOSPC

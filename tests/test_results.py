@@ -10,7 +10,7 @@ import pytest
 
 import rsflow
 from rsflow import synthetic
-from rsflow._results import MANIFEST, Identity, ResultFolder
+from rsflow._results.folder import MANIFEST, Identity, ResultFolder
 
 
 def folder_of(path: Path, settings: str, *, overwrite: bool = True) -> ResultFolder:

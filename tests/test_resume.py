@@ -14,17 +14,18 @@ import pytest
 
 import rsflow
 from extraction_helpers import FILES, names_in, partials
-from rsflow import _video_sinks, synthetic
-from rsflow._video_join import Part, join
+from rsflow import synthetic
 from rsflow.batch import extract_many
 from rsflow.cli import main
 from rsflow.errors import FormatError, OptionError
 from rsflow.extraction import checkpoint
 from rsflow.extraction.state import decode, encode
 from rsflow.extraction.workspace import PARKED, unfinished
+from rsflow.video import sinks
+from rsflow.video.join import Part, join
 
 FRAMES = 30
-TABLES = ("motion", "objects", "velocity", "track")
+TABLES = ("motion", "objects", "velocity", "trajectory")
 ARGUMENTS = ["extract", "clip.mp4", "-o", "out", "--camera", "camera.json", "--height", "0.2", "--resume", "-q"]
 OPTIONS = {"camera": "camera.json", "height_m": 0.2}
 
@@ -115,7 +116,7 @@ def test_a_run_that_was_stopped_goes_on(made, here, monkeypatch, seconds):
         rsflow.extract("clip.mp4", "out", **OPTIONS, on_frame=stop_at(13))
     done = stop.value.extraction.frames
     assert 14 <= done < FRAMES
-    metric = {"velocity.csv", "track.csv"}
+    metric = {"velocity.csv", "trajectory.csv"}
     assert names_in(here / "out") == partials(FILES | metric) | {PARKED}
     for name in ("flow", "moving", "static"):
         assert count(f"out/{name}.partial.mp4") == done
@@ -210,10 +211,10 @@ def test_a_failure_on_the_way_can_be_resumed(made, here):
 @pytest.mark.usefixtures("every_frame")
 def test_without_pyav_the_parts_become_one_video_too(here):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_video_sinks, "av_encoder", lambda codec: None)
+        patch.setattr(sinks, "av_encoder", lambda codec: None)
         _stopped_and_resumed_without_pyav()
     # With PyAV the parts would not fit together.
-    if _video_sinks.av_encoder("h264"):
+    if sinks.av_encoder("h264"):
         with pytest.raises(FormatError, match="its videos are mp4v by cv2"):
             rsflow.extract("clip.mp4", "other", resume=True)
         assert PARKED in names_in(here / "other")
@@ -236,8 +237,8 @@ def _stopped_and_resumed_without_pyav():
 # Runs the command and kills itself at the n-th call of a function, before or after what it does.
 KILLED = """
 import os, signal, sys
-from rsflow import _files, _video_join
-from rsflow.extraction import checkpoint, closing, outputs, tables, views, workspace
+from rsflow.io import atomic
+from rsflow.extraction import checkpoint, finish, outputs, tables, views, workspace
 checkpoint._EVERY_S, checkpoint._SHARE, checkpoint._GROWTH = 0.0, 1e9, 0.0
 owner, name, at, when, *arguments = sys.argv[1:]
 owner = eval(owner)
@@ -261,9 +262,9 @@ sys.exit(main(arguments))
 MOMENTS = [
     [("outputs.Outputs", "add", 5, "after")],
     [("checkpoint.Draft", "write", 1, "before"), ("checkpoint.Draft", "write", 2, "after")],
-    [("views.Clip", "cut", 8, "after"), ("_files.Working", "keep", 18, "before")],
+    [("views.Clip", "cut", 8, "after"), ("atomic.Working", "keep", 18, "before")],
     [("views.Clip", "joined", 2, "after"), ("workspace.Grown", "copy", 4, "after")],
-    [("closing", "build", 1, "before"), ("closing", "remove_partial", 1, "after")],
+    [("finish", "build", 1, "before"), ("finish", "remove_partial", 1, "after")],
 ]  # fmt: skip
 
 
@@ -458,7 +459,7 @@ def test_joined_parts_are_the_pictures_in_order_at_their_times(tmp_path, steps):
         with rsflow.VideoWriter(path, frame_rate=25) as video:
             for k in range(begin, end):
                 video.write(pictures[k], float(times[k]))
-        parts.append(Part(path, end - begin, round((times[begin] - times[0]) * _video_sinks.CLOCK)))
+        parts.append(Part(path, end - begin, round((times[begin] - times[0]) * sinks.CLOCK)))
     join(parts, tmp_path / "whole.mp4", codec="h264", library="av", frame_rate=25)
     with rsflow.frames(tmp_path / "whole.mp4") as stream:
         found = list(stream)

@@ -11,10 +11,9 @@ import pytest
 import skimage.data
 
 import rsflow
-from rsflow import _camera_motion
-from rsflow._background import median
-from rsflow._light import fit_light
-from rsflow.segmentation import MotionSegmenter
+from rsflow.segmentation import MotionSegmenter, homography
+from rsflow.segmentation.background import median
+from rsflow.segmentation.photometric import fit_light
 
 HEIGHT, WIDTH = 160, 208
 
@@ -283,19 +282,19 @@ def test_the_simplest_model_that_explains_the_flow(name: str) -> None:
         "affine": [[1.01, -0.02, 4], [0.01, 0.98, -2], [0, 0, 1]],
         "homography": [[1.01, -0.02, 4], [0.01, 0.98, -2], [2e-5, -3e-5, 1]],
     }[name]
-    vectors = _camera_motion.apply(np.array(truth, float), points) - points + rng.normal(0, 0.1, points.shape)
+    vectors = homography.apply(np.array(truth, float), points) - points + rng.normal(0, 0.1, points.shape)
     # A third moves on its own, coherently.
     vectors[:160] += (6, 3)
     points[:160] = rng.uniform(200, 400, (160, 2))
-    vectors[:160] = _camera_motion.apply(np.array(truth, float), points[:160]) - points[:160] + (6, 3)
-    fit = _camera_motion.fit(points, vectors)
+    vectors[:160] = homography.apply(np.array(truth, float), points[:160]) - points[:160] + (6, 3)
+    fit = homography.fit(points, vectors)
     assert fit.model == name
     assert fit.sigma_px == pytest.approx(0.1, rel=0.5)
     assert 0.6 < fit.explained < 0.72
     corners = np.array([[0.0, 0], [600, 0], [0, 600], [600, 600]])
-    expected = _camera_motion.apply(np.array(truth, float), corners)
-    np.testing.assert_allclose(_camera_motion.apply(fit.homography, corners), expected, atol=0.1)
-    assert _camera_motion.fit(points[:5], vectors[:5]).model == "none"
+    expected = homography.apply(np.array(truth, float), corners)
+    np.testing.assert_allclose(homography.apply(fit.homography, corners), expected, atol=0.1)
+    assert homography.fit(points[:5], vectors[:5]).model == "none"
 
 
 def test_the_median_leaves_out_what_is_missing() -> None:

@@ -29,9 +29,9 @@ from .errors import (
 
 if TYPE_CHECKING:
     from .batch import extract_many
-    from .camera.calibration import Calibration, calibrate
-    from .camera.capture import Frame, Frames, frames
-    from .camera.model import Camera
+    from .calibration import Calibration, calibrate
+    from .camera import Camera
+    from .capture import Frame, Frames, frames
     from .extraction import Extraction, ExtractionInterrupted, PartialExtractionError, extract
     from .flow import DenseFlow, FlowField, dense_flow
     from .io import read_flow, write_flow
@@ -44,14 +44,14 @@ if TYPE_CHECKING:
 
 # Where each public name lives; the module is imported when the name is first used.
 _LAZY: dict[str, str] = {
-    "Calibration": ".camera.calibration",
-    "Camera": ".camera.model",
+    "Calibration": ".calibration",
+    "Camera": ".camera",
     "DenseFlow": ".flow",
     "Extraction": ".extraction",
     "ExtractionInterrupted": ".extraction",
     "FlowField": ".flow",
-    "Frame": ".camera.capture",
-    "Frames": ".camera.capture",
+    "Frame": ".capture",
+    "Frames": ".capture",
     "MotionSegmentation": ".segmentation",
     "MotionSegmenter": ".segmentation",
     "PartialExtractionError": ".extraction",
@@ -65,14 +65,14 @@ _LAZY: dict[str, str] = {
     "VelocityEstimator": ".velocity",
     "VelocityStatus": ".velocity",
     "VideoWriter": ".video",
-    "calibrate": ".camera.calibration",
+    "calibrate": ".calibration",
     "dense_flow": ".flow",
     "detect_corners": ".tracking",
     "estimate_shift": ".shift",
     "extract": ".extraction",
     "extract_many": ".batch",
     "flow_to_color": ".plotting",
-    "frames": ".camera.capture",
+    "frames": ".capture",
     "quiver": ".plotting",
     "read_flow": ".io",
     "track_points": ".tracking",
@@ -80,7 +80,20 @@ _LAZY: dict[str, str] = {
 }
 
 # Submodules that are reached as attributes of the package.
-_SUBMODULES = ("batch", "camera", "extraction", "interop", "io", "live", "objects", "plotting", "synthetic", "video")
+_SUBMODULES = (
+    "batch",
+    "calibration",
+    "camera",
+    "capture",
+    "extraction",
+    "interop",
+    "io",
+    "live",
+    "objects",
+    "plotting",
+    "synthetic",
+    "video",
+)
 
 __all__ = [
     "Calibration",

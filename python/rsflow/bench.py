@@ -25,7 +25,7 @@ from .errors import FormatError
 from .flow import dense_flow
 from .shift import estimate_shift
 from .synthetic import Lighting, flight_with_object, gain, shifted_pair
-from .tracking import detect_corners, track_points
+from .tracking.points import detect_corners, track_points
 
 __all__ = ["BEGIN", "END", "Bench", "Row", "measure", "with_tables"]
 

@@ -170,7 +170,7 @@ class FlowField:
         >>> rsflow.dense_flow(pair.prev, pair.next).plot(pair.prev, step=8, zoom=4).shape
         (256, 384, 3)
         """
-        from .plotting import quiver
+        from .plotting.quiver_plot import quiver
 
         return quiver(self, picture=picture, **knobs)
 
@@ -193,7 +193,7 @@ class FlowField:
         >>> np.array_equal(np.isfinite(uv[..., 0]), field.valid)
         True
         """
-        from .io import write_flow
+        from .io.flow_files import write_flow
 
         write_flow(path, self)
 

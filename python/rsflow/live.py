@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ._checks.knobs import Illumination
-    from .camera.capture import Frames
     from .camera.model import Camera
+    from .capture.stream import Frames
 
 __all__ = ["LiveReading", "readings"]
 
@@ -172,7 +172,7 @@ def _measured(
     **options: Any,
 ) -> Iterator[LiveReading]:
     from . import estimate_shift
-    from ._masks import mask_of_frames
+    from .capture.masks import mask_of_frames
     from .extraction.rows import status_word
 
     estimator: Any = None

@@ -11,12 +11,12 @@ import os
 from typing import Any, get_args
 
 from .. import _checks
-from .._files import writing
-from .._inputs import Inputs
-from .._limits import read_text
+from .._results.inputs import Inputs
 from ..errors import FormatError, OptionError
-from . import _filestorage, _yaml
-from ._document import Document
+from ..io.atomic import writing
+from ..io.limits import read_text
+from . import filestorage, yaml_files
+from .document import Document
 from .model import Camera, CameraFormat
 
 __all__ = ["CAMERA_SUFFIXES", "format_of", "load_camera", "save_camera"]
@@ -80,8 +80,8 @@ def load_camera(
 
 def _parse(path: str, text: str) -> Any:
     head = text.lstrip()
-    if _filestorage.recognizes(text):
-        return _filestorage.parse(path, text)
+    if filestorage.recognizes(text):
+        return filestorage.parse(path, text)
     if head.startswith("{"):
         try:
             value = json.loads(text)
@@ -90,7 +90,7 @@ def _parse(path: str, text: str) -> Any:
         if _is_deeper(value, _DEPTH):
             raise FormatError(f"{path}: got JSON nested deeper than {_DEPTH} levels")
         return value
-    return _yaml.parse(path, text)
+    return yaml_files.parse(path, text)
 
 
 def _is_deeper(value: Any, depth: int) -> bool:
@@ -311,11 +311,11 @@ def save_camera(camera: Camera, path: str | os.PathLike[str], *, format: CameraF
         text = _json_text(camera)
     elif kind == "opencv":
         suffix = file.suffix.lower()
-        text = _filestorage.text(camera, {".xml": "xml", ".json": "json"}.get(suffix, "yaml"))
+        text = filestorage.text(camera, {".xml": "xml", ".json": "json"}.get(suffix, "yaml"))
     elif kind == "ros":
-        text = _yaml.ros_text(camera, file.stem)
+        text = yaml_files.ros_text(camera, file.stem)
     else:
-        text = _yaml.kalibr_text(camera)
+        text = yaml_files.kalibr_text(camera)
     with writing(file) as partial:
         partial.write_text(text, encoding="utf-8")
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .. import _checks
 from ..errors import OptionError
-from . import _distortion
+from . import distortion as _distortion
 
 __all__ = ["Camera", "CameraFormat", "CameraModel"]
 

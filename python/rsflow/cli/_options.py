@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     # A parser, or a group of one.
     from argparse import _ActionsContainer as Arguments
 
-    from rsflow._results import Identity
-    from rsflow.camera.capture import Frames
+    from rsflow._results.folder import Identity
+    from rsflow.capture.stream import Frames
 
 __all__ = [
     "add_illumination",
@@ -45,7 +45,7 @@ def source_of(text: str) -> int | str:
 
 def identity_of(source: Any, args: argparse.Namespace, *, files: tuple[str, ...] = ()) -> Identity:
     """Sum up what the results of a command are of: its source and its options, those in `files` by their content."""
-    from rsflow._results import Identity
+    from rsflow._results.folder import Identity
 
     options = {name: value for name, value in vars(args).items() if name not in _ELSEWHERE}
     return Identity.of(source, options, files=files)
@@ -63,7 +63,7 @@ def add_mask(parser: Arguments) -> None:
 
 def mask_of(path: str | None, *, option: str = "--mask", size: tuple[int, int] | None = None) -> Any:
     """Read the mask that an option names, held to the width and height of the frames where they are known."""
-    from rsflow._masks import expect_size, read_mask
+    from rsflow.capture.masks import expect_size, read_mask
 
     if path is None:
         return None

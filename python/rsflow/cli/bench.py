@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure, print, and rewrite the file if there is one."""
     from rsflow import bench
-    from rsflow._files import writing
+    from rsflow.io.atomic import writing
 
     # Before the measuring: what is wrong with the file should not cost a minute.
     page = None if args.update is None else _read(args.update)
@@ -65,6 +65,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read(path: str) -> str:
-    from rsflow._limits import read_text
+    from rsflow.io.limits import read_text
 
     return read_text(path)

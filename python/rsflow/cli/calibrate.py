@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from rsflow._results import ResultFolder
-    from rsflow.camera.views import View
+    from rsflow._results.folder import ResultFolder
+    from rsflow.calibration.views import View
 
 DESCRIPTION = """\
 Calibrate a camera from pictures of a chessboard or ChArUco board.
@@ -90,9 +90,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate, print, and write what was asked for."""
-    from rsflow.camera.calibration import calibrate
-    from rsflow.camera.capture import frames
+    from rsflow.calibration.estimate import calibrate
     from rsflow.camera.formats import format_of
+    from rsflow.capture.stream import frames
 
     if args.output is not None:
         # Before the work, not after it.
@@ -138,8 +138,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _writable(args: argparse.Namespace, given: str | list[str]) -> ResultFolder | None:
     """Find out whether the files may be written, before the work; give the folder of the pictures."""
-    from rsflow._inputs import Inputs, expect_apart
-    from rsflow._results import ResultFolder
+    from rsflow._results.folder import ResultFolder
+    from rsflow._results.inputs import Inputs, expect_apart
 
     expect_apart({"-o": args.output, "--pictures": args.pictures})
     names = ("coverage.png", "*.corners.png")
@@ -163,7 +163,7 @@ def _progress(source: Any) -> Callable[[View, int], bool | None]:
     """Say of each view whether the board was found, and where it has not been yet."""
     import numpy as np
 
-    from rsflow.camera._calibration_report import add_coverage, empty_places
+    from rsflow.calibration.report import add_coverage, empty_places
 
     counts: NDArray[np.int64] = np.zeros((6, 8), np.int64)
 

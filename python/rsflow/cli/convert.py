@@ -33,9 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command: 0 done."""
-    from rsflow._inputs import Inputs
+    from rsflow._results.inputs import Inputs
     from rsflow.errors import OptionError
-    from rsflow.io import FLOW_SUFFIXES, read_flow, read_flow_times, write_flow
+    from rsflow.io.flow_files import FLOW_SUFFIXES, read_flow, read_flow_times, write_flow
 
     source, target = Path(args.source), Path(args.target)
     Inputs(files=[source]).refuse([target])
@@ -49,11 +49,11 @@ def run(args: argparse.Namespace) -> int:
     uv = read_flow(source)
     suffix = target.suffix.lower()
     if suffix in (".jpg", ".jpeg"):
-        from rsflow.plotting import flow_to_color
+        from rsflow.plotting.quiver_plot import flow_to_color
 
         flow_to_color(uv, max_flow=args.max_flow, legend=True, path=target)
     elif suffix == ".svg":
-        from rsflow.plotting import quiver
+        from rsflow.plotting.quiver_plot import quiver
 
         quiver(uv, path=target)
     elif suffix in FLOW_SUFFIXES:

@@ -31,7 +31,7 @@ Extract the motion of one source, in one pass, into a folder:
   flow.mp4        the picture with the motion as arrows
   moving.mp4      what moves;  static.mp4: what stands still, without what moves
   velocity.csv    with --camera and --height: the camera's velocity over the ground in m/s
-  track.csv       with both: the path that the camera travelled, in metres
+  trajectory.csv  with both: the path that the camera travelled, in metres
   summary.json    the key figures for programs
 
 SOURCE is a video, a folder or glob of pictures, a camera's number (stop with Ctrl-C) or a URL.

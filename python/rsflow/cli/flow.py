@@ -27,9 +27,9 @@ from rsflow.errors import OptionError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rsflow.camera.capture import Frame
+    from rsflow.capture.stream import Frame
     from rsflow.flow import DenseFlow, FlowField
-    from rsflow.plotting import QuiverStyle
+    from rsflow.plotting.quiver_plot import QuiverStyle
 
 DESCRIPTION = """\
 Measure where every pixel went: from PREV to NEXT, or from frame to frame of a SOURCE (a video, a folder or glob of
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _estimator(args: argparse.Namespace, size: tuple[int, int] | None) -> DenseFlow:
     from rsflow.flow import DenseFlow
-    from rsflow.io import read_flow
+    from rsflow.io.flow_files import read_flow
 
     return DenseFlow(
         preset=args.preset,
@@ -108,9 +108,9 @@ def _estimator(args: argparse.Namespace, size: tuple[int, int] | None) -> DenseF
 
 
 def _pair(args: argparse.Namespace) -> int:
-    from rsflow._drawing import expect_picture_name
-    from rsflow._inputs import Inputs, expect_apart
-    from rsflow.io import expect_flow_name, write_flow
+    from rsflow._results.inputs import Inputs, expect_apart
+    from rsflow.io.flow_files import expect_flow_name, write_flow
+    from rsflow.plotting.drawing import expect_picture_name
 
     for name in ("start", "stop", "stride", "rate", "format"):
         if getattr(args, name) is not None:
@@ -137,7 +137,7 @@ def _pair(args: argparse.Namespace) -> int:
 
 
 def _only(path: str) -> Frame:
-    from rsflow.camera.capture import frames
+    from rsflow.capture.stream import frames
 
     with frames(path, color=True, stop=1) as source:
         return next(iter(source))
@@ -160,11 +160,11 @@ def _pairs(
 
 
 def _sequence(args: argparse.Namespace) -> int:
-    from rsflow._results import ResultFolder
-    from rsflow.camera._empty import expect_range, too_few
-    from rsflow.camera.capture import frames
-    from rsflow.io import FLOW_SUFFIXES, write_flow
-    from rsflow.video import VideoWriter
+    from rsflow._results.folder import ResultFolder
+    from rsflow.capture.stream import frames
+    from rsflow.capture.too_few import expect_range, too_few
+    from rsflow.io.flow_files import FLOW_SUFFIXES, write_flow
+    from rsflow.video.writer import VideoWriter
 
     stride, suffix = 1 if args.stride is None else args.stride, args.format or "flo"
     if args.output:
@@ -237,7 +237,7 @@ def _sequence(args: argparse.Namespace) -> int:
 
 def _refuse_inputs(args: argparse.Namespace, suffix: str) -> None:
     """Raise OptionError where a file would be written over that is read, or where the source would find it."""
-    from rsflow._inputs import Inputs, expect_apart
+    from rsflow._results.inputs import Inputs, expect_apart
 
     expect_apart({"-o": args.output, "--picture": args.picture})
     files = [Path(args.picture)] if args.picture else []
@@ -248,7 +248,7 @@ def _refuse_inputs(args: argparse.Namespace, suffix: str) -> None:
 
 def _fitted(args: argparse.Namespace, fields: list[FlowField]) -> dict[str, Any]:
     """Choose the scale of a clip once."""
-    from rsflow.plotting import QuiverStyle, fitted_max_flow
+    from rsflow.plotting.quiver_plot import QuiverStyle, fitted_max_flow
 
     listed: list[Any] = list(fields)
     if args.style == "arrows":
@@ -265,7 +265,7 @@ def _draw(
     max_flow: float | None = None,
     path: str | None = None,
 ) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    from rsflow.plotting import flow_over_picture, flow_to_color, quiver
+    from rsflow.plotting.quiver_plot import flow_over_picture, flow_to_color, quiver
 
     picture = frame.image if frame.color is None else frame.color
     if args.style == "arrows":

@@ -47,9 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
     from rsflow import reproduce
-    from rsflow._files import writing
-    from rsflow._inputs import Inputs
-    from rsflow._results import ResultFolder
+    from rsflow._results.folder import ResultFolder
+    from rsflow._results.inputs import Inputs
+    from rsflow.io.atomic import writing
 
     pictures, origin = _pictures(args.pictures)
     names = ("reproduce.txt", "reproduce.json")

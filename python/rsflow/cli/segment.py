@@ -55,15 +55,15 @@ def run(args: argparse.Namespace) -> int:
     """Run the command: 0 done."""
     import numpy as np
 
-    from rsflow._drawing import save_picture
-    from rsflow._inputs import Inputs
-    from rsflow._masks import expect_size, share
-    from rsflow._results import ResultFolder
-    from rsflow.camera._empty import expect_range, too_few
-    from rsflow.camera.capture import frames
-    from rsflow.objects import ObjectTable
-    from rsflow.segmentation import MotionSegmenter
-    from rsflow.video import VideoWriter
+    from rsflow._results.folder import ResultFolder
+    from rsflow._results.inputs import Inputs
+    from rsflow.capture.masks import expect_size, share
+    from rsflow.capture.stream import frames
+    from rsflow.capture.too_few import expect_range, too_few
+    from rsflow.plotting.drawing import save_picture
+    from rsflow.segmentation.objects import ObjectTable
+    from rsflow.segmentation.segmenter import MotionSegmenter
+    from rsflow.video.writer import VideoWriter
 
     out = Path(args.output)
     mask = mask_of(args.mask)

@@ -50,8 +50,8 @@ def _grey(path: str) -> np.ndarray[Any, Any]:
     """Read a picture as grey levels, in the depth of the file."""
     from pathlib import Path
 
-    from rsflow._limits import max_pixels_of
-    from rsflow.camera._pages import PictureFile
+    from rsflow.capture.pages import PictureFile
+    from rsflow.io.limits import max_pixels_of
 
     file = PictureFile(Path(path), max_pixels_of(None))
     file.expect_one()

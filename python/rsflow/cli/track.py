@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from rsflow.tracking import Tracks
+    from rsflow.tracking.points import Tracks
 
 DESCRIPTION = """\
 Track points through a sequence: corners are found, followed with persistent ids, and replaced when they are lost.
@@ -78,10 +78,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Track, write the video and the table, print a summary."""
     import rsflow
-    from rsflow._inputs import Inputs
-    from rsflow._masks import expect_size
-    from rsflow._results import ResultFolder
-    from rsflow.camera._empty import expect_range, too_few
+    from rsflow._results.folder import ResultFolder
+    from rsflow._results.inputs import Inputs
+    from rsflow.capture.masks import expect_size
+    from rsflow.capture.too_few import expect_range, too_few
     from rsflow.errors import OptionError
 
     if args.trail < 1:
@@ -181,7 +181,7 @@ class _Trails:
         import cv2
         import numpy as np
 
-        from rsflow.tracking import PointStatus
+        from rsflow.tracking.points import PointStatus
 
         if cut:
             self._trails.clear()

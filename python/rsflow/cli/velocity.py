@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from rsflow.cli._options import add_mask, add_overwrite, add_range, add_rate, identity_of, mask_of, source_of
 
 if TYPE_CHECKING:
-    from rsflow._results import ResultFolder
-    from rsflow.camera.capture import Frames
+    from rsflow._results.folder import ResultFolder
+    from rsflow.capture.stream import Frames
 
 DESCRIPTION = """\
 Measure how fast a camera travels over flat ground, and what the figures are worth.
@@ -58,11 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure, write the table and the plot, print a summary."""
     import rsflow
-    from rsflow._masks import expect_size
-    from rsflow.camera._empty import too_few
+    from rsflow.capture.masks import expect_size
+    from rsflow.capture.too_few import too_few
     from rsflow.extraction.metric import fitting_camera
     from rsflow.extraction.summary import as_json
-    from rsflow.extraction.track import Track
+    from rsflow.extraction.trajectory import Trajectory
     from rsflow.velocity import Heights, velocity_row, write_velocity_csv
     from rsflow.velocity.result import not_stated
 
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.output)
     table, picture = folder / "velocity.csv", folder / "velocity.png"
     rows: list[dict[str, Any]] = []
-    track = Track()
+    trajectory = Trajectory()
     budget, scaled, interrupted = "", "", False
     unstated: tuple[str, ...] = ()
     broken: rsflow.RsflowError | None = None
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
                     )
                 own = None if heights is None else heights.at(frame=frame.index, t_s=frame.t_s)
                 v = estimator.update(frame.image, frame.t_s, height_m=own)
-                track.add(v, frame.index)
+                trajectory.add(v, frame.index)
                 rows.append(velocity_row(v, frame=frame.index, height_m=args.height if own is None else own))
                 budget, unstated = (v.budget(), v.unstated) if v.valid else (budget, unstated)
         except KeyboardInterrupt:
@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
     notes = [text for text in (*sequence.notes, *pauses, scaled, not_stated(unstated)) if text]
     summary = (
         _summary(rows)
-        | as_json(track.figures())
+        | as_json(trajectory.figures())
         | {
             "std_without": list(unstated),
             "notes": notes,
@@ -147,9 +147,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _folder(args: argparse.Namespace, source: int | str, sequence: Frames, files: list[Path]) -> ResultFolder:
     """Find out whether the files may be written, before the work."""
-    from rsflow._inputs import Inputs
-    from rsflow._results import ResultFolder
-    from rsflow.camera._empty import expect_range
+    from rsflow._results.folder import ResultFolder
+    from rsflow._results.inputs import Inputs
+    from rsflow.capture.too_few import expect_range
 
     expect_range(sequence)
     Inputs(source, files=(args.camera, args.height_csv, args.mask)).refuse(files)

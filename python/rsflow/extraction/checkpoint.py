@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._files import writing
 from ..errors import FormatError, RsflowError
+from ..io.atomic import writing
 from .state import decode, encode
 
 __all__ = ["NAME", "CheckpointError", "Draft", "Saved", "Schedule", "restoring", "versions"]
 
 NAME = "checkpoint.npz"
-_FORMAT = "rsflow checkpoint 1"
+_FORMAT = "rsflow checkpoint 2"
 
 # A checkpoint is written after so many seconds, but the writing takes no more than this share of the time, and long
 # runs have no more than some hundreds: each is a piece of every video.

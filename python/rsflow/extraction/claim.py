@@ -8,8 +8,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from .._inputs import Inputs
-from .._results import Identity, expect_own, expect_plain, read_json
+from .._results.folder import Identity, expect_own, expect_plain, read_json
+from .._results.inputs import Inputs
 from .outputs import NAMES
 from .settings import ExtractSettings
 from .tables import partial_name
@@ -24,7 +24,7 @@ _FILES = ("camera", "height_m", "mask")
 def written_names(settings: ExtractSettings) -> Iterator[str]:
     """Names of all files that a run with these settings may leave in its folder."""
     for name, file in NAMES.items():
-        if name in ("velocity", "track") and settings.height_m is None:
+        if name in ("velocity", "trajectory") and settings.height_m is None:
             continue
         if name in ("flow", "moving", "static") and not settings.videos:
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["MOTION", "OBJECTS", "TRACK", "VELOCITY", "WORDS", "meaning"]
+__all__ = ["MOTION", "OBJECTS", "TRAJECTORY", "VELOCITY", "WORDS", "meaning"]
 
 # Columns that hold words.
 WORDS = frozenset({"status", "segmentation_status", "camera_model", "std_without"})
@@ -57,7 +57,7 @@ VELOCITY = {
     "principal_point; empty where nothing",
 }
 
-TRACK = {
+TRAJECTORY = {
     "frame": "number of the frame in the source",
     "t_s": "its time in seconds",
     "segment": "counts the unbroken pieces: over a gap the velocity is carried on, and the deviations grow",

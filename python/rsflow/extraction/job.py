@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import _checks
-from ..camera._empty import expect_range, too_few
+from ..capture.too_few import expect_range, too_few
 from ..errors import RsflowError
-from .background import BackgroundWorker
 from .checkpoint import CheckpointError, Saved, restoring
 from .claim import Claim
-from .closing import Ending, close
+from .finish import Ending, close
 from .outputs import Outputs
 from .pipeline import Measured, Pipeline
 from .probe import PROBE_BYTES, PROBE_PAIRS
@@ -23,6 +22,7 @@ from .result import Extraction, ExtractionInterrupted, PartialExtractionError
 from .resume import finished, saved_run
 from .settings import CameraMotion, ExtractSettings, Illumination, Preset
 from .stopping import StopRequest
+from .worker import BackgroundWorker
 
 if TYPE_CHECKING:
     import numpy as np
@@ -58,7 +58,7 @@ def extract(
 
     Writes ``motion.csv`` (a row a frame), ``objects.csv`` (a row for each moving thing in each frame), ``flow.mp4``
     (arrows over the picture), ``moving.mp4``, ``static.mp4``, ``background.png``, ``summary.json`` and ``report.html``;
-    with `camera` and `height_m` also ``velocity.csv`` and ``track.csv``. The report explains every column.
+    with `camera` and `height_m` also ``velocity.csv`` and ``trajectory.csv``. The report explains every column.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def extract(
     overwrite, resume = _checks.flag("overwrite", overwrite), _checks.flag("resume", resume)
     if on_frame is not None:
         _checks.function("on_frame", on_frame, 1)
-    from ..camera.capture import frames
+    from ..capture.stream import frames
 
     options: dict[str, Any] = {"color": True, "roi": roi, "stop": stop, "stride": stride, "frame_rate": frame_rate}
     with frames(source, start=start, **options) as stream:

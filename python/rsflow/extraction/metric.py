@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import OptionError
 
 if TYPE_CHECKING:
-    from ..camera.capture import Frames
     from ..camera.model import Camera
+    from ..capture.stream import Frames
 
 __all__ = ["HeightOf", "fitting_camera"]
 

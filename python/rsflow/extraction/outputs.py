@@ -11,12 +11,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from .._files import remove_leftovers
+from ..io.atomic import remove_leftovers
 from .checkpoint import Draft, Saved, Schedule, versions
-from .columns import MOTION, OBJECTS, TRACK, VELOCITY, WORDS
+from .columns import MOTION, OBJECTS, TRAJECTORY, VELOCITY, WORDS
 from .series import Series
 from .tables import CsvTable, partial_name
-from .track import Track
+from .trajectory import Trajectory
 from .views import Views
 from .workspace import PARKED, Grown, Workspace, remove_killed
 
@@ -33,7 +33,7 @@ NAMES = {
     "motion": "motion.csv",
     "objects": "objects.csv",
     "velocity": "velocity.csv",
-    "track": "track.csv",
+    "trajectory": "trajectory.csv",
     "flow": "flow.mp4",
     "moving": "moving.mp4",
     "static": "static.mp4",
@@ -41,7 +41,7 @@ NAMES = {
     "summary": "summary.json",
 }
 
-_TABLES = {"motion": MOTION, "objects": OBJECTS, "velocity": VELOCITY, "track": TRACK}
+_TABLES = {"motion": MOTION, "objects": OBJECTS, "velocity": VELOCITY, "trajectory": TRAJECTORY}
 
 
 class Outputs:
@@ -65,7 +65,7 @@ class Outputs:
         self.tables: dict[str, CsvTable] = {}
         self.series: dict[str, Series] = {}
         self.views: Views | None = None
-        self.track: Track | None = None
+        self.trajectory: Trajectory | None = None
         self.seconds_before = 0.0
         self.schedule = Schedule()
         # Whether all is written, so that nothing is left to go on with.
@@ -79,7 +79,7 @@ class Outputs:
             for name in ("motion", "objects") if settings.height_m is None else _TABLES:
                 self._open(name, saved)
             if settings.height_m is not None:
-                self.track = Track() if saved is None else saved.value("track")
+                self.trajectory = Trajectory() if saved is None else saved.value("trajectory")
             if saved is not None:
                 self.seconds_before = float(saved.value("seconds"))
         except BaseException:
@@ -127,9 +127,9 @@ class Outputs:
         self._row("motion", measured.motion)
         for row in measured.objects:
             self._row("objects", row)
-        if self.track is not None and measured.velocity_row is not None:
+        if self.trajectory is not None and measured.velocity_row is not None:
             self._row("velocity", measured.velocity_row)
-            self._row("track", self.track.add(measured.velocity, measured.frame.index))
+            self._row("trajectory", self.trajectory.add(measured.velocity, measured.frame.index))
         if self.views is not None:
             self.views.add(measured)
 
@@ -149,7 +149,7 @@ class Outputs:
             ("frame", frame),
             ("seconds", self.seconds_before + seconds),
             ("tables", {name: table.state() for name, table in self.tables.items()}),
-            ("track", self.track),
+            ("trajectory", self.trajectory),
             ("pipeline", pipeline),
             ("style", views.style),
         ):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._masks import FixedMask, mask_of_frames
+from ..capture.masks import FixedMask, mask_of_frames
 from ..errors import OptionError
 from . import rows
 from .metric import HeightOf, fitting_camera
@@ -19,7 +19,7 @@ from .settings import ExtractSettings
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ..segmentation import MotionSegmenter
+    from ..segmentation.segmenter import MotionSegmenter
     from .checkpoint import Saved
 
 __all__ = ["Measured", "Pipeline"]
@@ -207,7 +207,7 @@ class Pipeline:
         """Give the static scene at the end, None where there is none."""
         if self._last_segmentation is None:
             return None
-        from .._drawing import displayed
+        from ..plotting.drawing import displayed
 
         scene = self._last_segmentation.background
         image = self._last_segmentation.image

@@ -27,7 +27,7 @@ _FILES = {
     "motion": "a row a frame: displacement, flow, light, shares, status",
     "objects": "a row for each moving thing in each frame",
     "velocity": "velocity of the camera over the ground, a row a frame",
-    "track": "path of the camera, from its velocities",
+    "trajectory": "path of the camera, from its velocities",
     "flow": "arrows over the picture, at one scale for the whole clip",
     "moving": "what moves on its own",
     "static": "what stands still, without what moves",
@@ -210,7 +210,7 @@ def _light(motion: Series, x: np.ndarray, x_label: str, valid: np.ndarray) -> Pl
 def _velocity_plots(outputs: Outputs) -> list[Plot]:
     if "velocity" not in outputs.series or len(outputs.series["velocity"]) < 2:
         return []
-    velocity, track = outputs.series["velocity"], outputs.series["track"]
+    velocity, trajectory = outputs.series["velocity"], outputs.series["trajectory"]
     x, x_label = _abscissa(velocity)
     valid = np.isfinite(velocity["vx_m_s"])
     valid[0] = True
@@ -235,9 +235,11 @@ def _velocity_plots(outputs: Outputs) -> list[Plot]:
         ),
         Plot(
             "Path over the ground",
-            path_plot(track["x_m"], track["y_m"], title="path over the ground", x_label="x in m", y_label="y in m"),
+            path_plot(
+                trajectory["x_m"], trajectory["y_m"], title="path over the ground", x_label="x in m", y_label="y in m"
+            ),
             "Sum of velocity times time, in the camera's axes at the start. Over a gap the velocity is carried on from"
-            " before it to after it; the deviations of track.csv grow by what that may be wrong.",
+            " before it to after it; the deviations of trajectory.csv grow by what that may be wrong.",
         ),
     ]
 
@@ -252,7 +254,7 @@ def _tables(outputs: Outputs, files: Mapping[str, Path]) -> list[Table]:
             ("motion", columns.MOTION),
             ("objects", columns.OBJECTS),
             ("velocity", columns.VELOCITY),
-            ("track", columns.TRACK),
+            ("trajectory", columns.TRAJECTORY),
         )
         if name in files
         for column, text in names.items()

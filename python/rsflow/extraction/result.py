@@ -22,7 +22,7 @@ class Extraction:
     complete : bool
         True where the source was read to its end (or to `stop`; for a live source, until it was stopped).
     files : dict of str to Path
-        The files that exist, by what they hold: ``motion``, ``objects``, ``velocity``, ``track``, ``flow``,
+        The files that exist, by what they hold: ``motion``, ``objects``, ``velocity``, ``trajectory``, ``flow``,
         ``moving``, ``static``, ``background``, ``report``, ``summary``. In a partial extraction their names carry
         ``.partial``.
     summary : dict

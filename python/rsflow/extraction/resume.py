@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._results import read_json
+from .._results.folder import read_json
 from ..errors import FormatError, OptionError
 from .checkpoint import Saved, restoring, versions
 from .outputs import NAMES

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._masks import share
+from ..capture.masks import share
 
 __all__ = ["motion_row", "object_rows", "status_word"]
 

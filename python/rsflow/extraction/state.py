@@ -19,15 +19,15 @@ _MADE_ANEW = frozenset({"_flow", "_fixed", "_shared_lock"})
 
 
 def _classes() -> dict[str, type]:
-    from .._background import Background, _Kept
-    from .._outline import Outline
-    from ..objects import ObjectTracker, _Track
-    from ..plotting import QuiverStyle
-    from ..segmentation import MotionSegmenter
-    from .track import Track
+    from ..plotting.quiver_plot import QuiverStyle
+    from ..segmentation.background import Background, _Kept
+    from ..segmentation.foreground import Outline
+    from ..segmentation.objects import ObjectTracker, _Track
+    from ..segmentation.segmenter import MotionSegmenter
+    from .trajectory import Trajectory
 
     classes: tuple[type, ...] = (
-        Background, _Kept, Outline, ObjectTracker, _Track, QuiverStyle, MotionSegmenter, Track,
+        Background, _Kept, Outline, ObjectTracker, _Track, QuiverStyle, MotionSegmenter, Trajectory,
     )  # fmt: skip
     return {item.__name__: item for item in classes}
 

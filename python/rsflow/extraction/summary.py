@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .gaps import MEASURED, NEIGHBOURS, SECOND, Filled, fill
 from .series import Series
-from .way import MEASURED, NEIGHBOURS, SECOND, Filled, fill
 
 __all__ = ["as_json", "duration_s", "key_figures", "text", "way_of", "way_text"]
 
@@ -50,7 +50,7 @@ def _mean(values: NDArray[np.float64]) -> float:
     return float(values.mean()) if len(values) else math.nan
 
 
-def key_figures(motion: Series, velocity: Series | None, track: Series | None) -> dict[str, Any]:
+def key_figures(motion: Series, velocity: Series | None, trajectory: Series | None) -> dict[str, Any]:
     """Sum up the columns.
 
     Returns
@@ -89,8 +89,8 @@ def key_figures(motion: Series, velocity: Series | None, track: Series | None) -
             "speed_max_m_s": float(np.nanmax(speed)) if np.isfinite(speed).any() else math.nan,
             "speed_std_median_m_s": _median(np.hypot(velocity["vx_std_m_s"], velocity["vy_std_m_s"]) / math.sqrt(2.0)),
         }
-    if track is not None and len(track):
-        figures["track_segments"] = int(np.nanmax(track["segment"], initial=0))
+    if trajectory is not None and len(trajectory):
+        figures["trajectory_segments"] = int(np.nanmax(trajectory["segment"], initial=0))
     return figures
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from .._files import Working, remove_leftovers
+from ..io.atomic import Working, remove_leftovers
 from .workspace import Grown, remove_killed, unfinished
 
 __all__ = ["CsvTable", "cell", "discard_working", "partial_name"]

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._video_join import Part, join
-from .._video_sinks import CLOCK
-from .background import BackgroundWorker
+from ..video.join import Part, join
+from ..video.sinks import CLOCK
+from .worker import BackgroundWorker
 
 if TYPE_CHECKING:
-    from ..video import VideoWriter
+    from ..video.writer import VideoWriter
     from .pipeline import Measured
 
 __all__ = ["Clip", "Views"]
@@ -42,7 +42,7 @@ class Clip:
     """
 
     def __init__(self, path: Path, folder: Path, frame_rate: float) -> None:
-        from ..video import encoder
+        from ..video.writer import encoder
 
         self.path, self._folder, self._rate = path, folder, frame_rate
         # Without PyAV browsers would play VP9 alone, which OpenCV writes at one frame a second: MPEG-4 keeps up.
@@ -59,7 +59,7 @@ class Clip:
 
     def write(self, picture: NDArray[np.uint8], t_s: float) -> None:
         """Append a picture at its time; where that is unknown or not later than the last, one interval after that."""
-        from ..video import VideoWriter
+        from ..video.writer import VideoWriter
 
         if self._failed:
             # What was complete before stays all that there is.
@@ -221,8 +221,8 @@ class Views:
 
     def _arrows(self, flow: Any, before: Any) -> NDArray[np.uint8]:
         """Draw the arrows; only the pixels where one stands are looked at."""
-        from .._arrows import grid
-        from ..plotting import quiver
+        from ..plotting.arrows import grid
+        from ..plotting.quiver_plot import quiver
 
         height, width = flow.valid.shape
         points = grid(height, width, self.style.step)
@@ -250,7 +250,7 @@ class Views:
         return None
 
     def _bare(self, frame: Any) -> NDArray[np.uint8]:
-        from ..plotting import quiver
+        from ..plotting.quiver_plot import quiver
 
         nothing = np.zeros((0, 2), np.float32)
         return quiver(nothing, picture=frame.color, points=nothing, style=self.style)

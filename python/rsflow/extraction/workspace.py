@@ -10,12 +10,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._files import left_by_the_dead, of_elsewhere, working_name
-from .._results import read_json
+from .._results.folder import read_json
+from ..io.atomic import left_by_the_dead, of_elsewhere, working_name
 from . import checkpoint
 
 if TYPE_CHECKING:
-    from .._results import Identity
+    from .._results.folder import Identity
 
 __all__ = ["PARKED", "Grown", "Workspace", "identities", "remove_killed", "unfinished"]
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _checks
-from ..camera.capture import Frame
 from ..camera.model import Camera
+from ..capture.stream import Frame
 from ..errors import ShapeError
 from ._geometry import Optics, Path, path_from_rates
 from .lighting import Lighting, lit

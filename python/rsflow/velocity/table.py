@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _checks
-from .._files import writing
-from .._time_series import TIME_COLUMNS, first_wrong, read_table
 from ..errors import DTypeError, FormatError, OptionError
+from ..io.atomic import writing
+from ..io.time_series import TIME_COLUMNS, first_wrong, read_table
 from .result import Velocity
 
 __all__ = ["COLUMNS", "Heights", "plot_velocity", "velocity_row", "write_velocity_csv"]

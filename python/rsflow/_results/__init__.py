@@ -1,0 +1,1 @@
+"""Folders of results: whose result stands there, and what is read is not written over."""

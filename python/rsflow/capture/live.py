@@ -1,0 +1,154 @@
+"""A live camera or stream: the newest frame, the clock's time, and what happens when it goes away."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from ..errors import CaptureError
+from ..io.fork_guard import OfProcess
+from ..io.opencv_files import open_capture, quiet
+from .reader import Raw, Timestamps
+
+# Frames kept for a reader that wants all of them: beyond, the camera's own driver drops.
+_QUEUE_FRAMES = 32
+
+# Pause between two attempts to open a source that went away, in seconds.
+_RETRY_S = 0.2
+
+
+class LiveReader(OfProcess):
+    """Frames grabbed in a thread of their own, so that waiting has an end even where the driver's call has none."""
+
+    def __init__(
+        self,
+        source: int | str,
+        *,
+        newest: bool,
+        timeout_s: float,
+        camera_size: tuple[int, int] | None,
+        opener: Callable[[int | str], Any] = open_capture,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.source = f"camera {source}" if isinstance(source, int) else source
+        self.count: int | None = None
+        self.timestamps: Timestamps = "clock"
+        self.live = True
+        self.exact = False
+        self.lost = 0
+        self._device = source
+        self._timeout_s = timeout_s
+        self._camera_size = camera_size
+        self._opener = opener
+        self._clock = clock
+        self._changed = threading.Condition()
+        self._queue: deque[Raw] = deque(maxlen=1 if newest else None)
+        self._newest = newest
+        self._stopped = False
+        self._failure: str | None = None
+        self._grabbed = 0
+        self.reconnects = 0
+        capture = self._opened()
+        if capture is None:
+            raise CaptureError(f"{self.source}: cannot be opened: no such camera or stream, or it is in use")
+        self.size, self.frame_rate = _properties(capture)
+        self._thread = threading.Thread(target=self._run, args=(capture,), name="rsflow-capture", daemon=True)
+        self._thread.start()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Say how often the source had to be opened again."""
+        return (f"{self.source}: opened again {self.reconnects} times",) if self.reconnects else ()
+
+    def _opened(self) -> Any:
+        """Open the source; None where that fails."""
+        capture = self._opener(self._device)
+        if not capture.isOpened():
+            capture.release()
+            return None
+        if self._camera_size is not None:
+            import cv2
+
+            capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._camera_size[0])
+            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._camera_size[1])
+        return capture
+
+    def _run(self, capture: Any) -> None:
+        """Grab until stopped; reopen a source that fails. The capture is used and released in this thread alone."""
+        try:
+            while not self._stopped:
+                ok = False
+                if capture is not None:
+                    with quiet():
+                        ok = bool(capture.grab())
+                    t_s = self._clock()
+                    if ok:
+                        ok, image = capture.retrieve()
+                if ok:
+                    self._put(Raw(image, t_s, self._grabbed))
+                    continue
+                if capture is not None:
+                    capture.release()
+                    capture = None
+                with self._changed:
+                    self._changed.wait_for(lambda: self._stopped, timeout=_RETRY_S)
+                if not self._stopped:
+                    capture = self._opened()
+                    self.reconnects += capture is not None
+        except Exception as error:
+            with self._changed:
+                self._failure = f"{type(error).__name__}: {error}"
+                self._changed.notify_all()
+        finally:
+            if capture is not None:
+                with contextlib.suppress(Exception):
+                    capture.release()
+
+    def _put(self, raw: Raw) -> None:
+        with self._changed:
+            self._grabbed += 1
+            if not self._newest:
+                self._changed.wait_for(lambda: self._stopped or len(self._queue) < _QUEUE_FRAMES)
+            self._queue.append(raw)
+            self._changed.notify_all()
+
+    def read(self, wanted: bool) -> Raw | None:
+        """Wait for a frame, at most the time-out."""
+        self._expect_here(self.source)
+        with self._changed:
+            self._changed.wait_for(lambda: self._queue or self._failure or self._stopped, timeout=self._timeout_s)
+            if self._queue:
+                raw = self._queue.popleft()
+                self._changed.notify_all()
+                return raw
+            if self._stopped:
+                return None
+            if self._failure is not None:
+                raise CaptureError(f"{self.source}: went away: {self._failure}")
+        seen = f"after frame {self._grabbed - 1}" if self._grabbed else "and never gave one"
+        raise CaptureError(f"{self.source}: gave no frame for {self._timeout_s:g} s {seen}: it went away or hangs")
+
+    def close(self) -> None:
+        """Stop the thread and release the camera."""
+        if self._elsewhere:
+            # The thread is the parent's, and may have held the lock.
+            return
+        with self._changed:
+            self._stopped = True
+            self._queue.clear()
+            self._changed.notify_all()
+        if threading.current_thread() is not self._thread:
+            # A driver's call that hangs must not hang us: the daemon thread releases the camera when it returns.
+            self._thread.join(timeout=1.0)
+
+
+def _properties(capture: Any) -> tuple[tuple[int, int] | None, float | None]:
+    import cv2
+
+    width, height = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+    rate = float(capture.get(cv2.CAP_PROP_FPS))
+    return ((width, height) if width > 0 and height > 0 else None), (rate if 0 < rate < 1e6 else None)

@@ -1,0 +1,395 @@
+"""Frames with their times, from a live camera, a video, a folder or glob of pictures, a list, or a URL."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _checks
+from .._checks import unmasked
+from ..errors import DTypeError, OptionError, ShapeError
+from ..io.fork_guard import OfProcess
+from ..io.limits import max_pixels_of
+from ..io.time_series import doubtful_step
+from .picture import check_roi, to_color, to_grey
+from .reader import Raw, Reader, Timestamps
+from .times import given_times
+
+__all__ = ["Frame", "FrameSource", "Frames", "Timestamps", "frames"]
+
+FrameSource: TypeAlias = "int | str | os.PathLike[str] | NDArray[Any] | Iterable[Any]"
+
+_DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One picture of a sequence.
+
+    Attributes
+    ----------
+    image : (H, W) array of uint8, uint16 or float32
+        The grey picture, cropped to the region of interest; (H, W, 3) BGR where `frames` was called with
+        ``grey=False`` and the source has colour.
+    t_s : float
+        Time in seconds. What its zero is depends on the source: the first frame of a video, the machine's monotonic
+        clock for a live camera. NaN where nothing says when the picture was taken.
+    index : int
+        Position in the source, counted from 0 before `start` and `stride`. For a live camera it counts the frames
+        that the camera gave, so a gap tells how many were dropped.
+    color : (H, W, 3) array or None
+        The same picture in colour, BGR, in the source's own depth; only with ``color=True``.
+    name : str
+        File name of a picture; empty where frames have no names.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> pictures = np.zeros((3, 48, 64), np.uint8)
+    >>> [(frame.index, frame.t_s, frame.image.shape) for frame in rsflow.frames(pictures, frame_rate=4, start=1)]
+    [(1, 0.25, (48, 64)), (2, 0.5, (48, 64))]
+    """
+
+    image: NDArray[Any]
+    t_s: float
+    index: int
+    color: NDArray[Any] | None = None
+    name: str = ""
+
+
+class Frames(Iterator[Frame]):
+    """The frames of one source: an iterator, and a context manager that releases the source.
+
+    Made by `frames`.
+
+    Attributes
+    ----------
+    source : str
+        What is read, as a message would name it.
+    size : (int, int) or None
+        Width and height of the frames to come, after the region of interest; None before the first frame of a source
+        that does not say.
+    frame_rate : float or None
+        Nominal rate in frames per second of the source, before `stride`; None where it is not known.
+    count : int or None
+        How many frames are to be expected, after `start`, `stop` and `stride`. A container's own figure: a file with
+        dropped frames gives fewer.
+    timestamps : {"file", "given", "rate", "clock", "none"}
+        Where `Frame.t_s` is from: the file's own timestamps; `times` or `frame_rate` of the call; the nominal rate,
+        since the file has no timestamps; the monotonic clock at the moment a live frame came; nothing (NaN).
+    live : bool
+        True for a camera or stream, which has no end.
+    lost : int
+        Pictures of a video file that the decoder could not give, since they are damaged, of those read so far. They
+        keep their place: `Frame.index` has a gap, and the times of the others are right.
+    notes : tuple of str
+        Peculiarities of the source that were mended, and pictures that are lost, one sentence each.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> with rsflow.frames(np.zeros((10, 48, 64), np.uint8), frame_rate=25, stride=3) as source:
+    ...     source, source.count, source.size, source.timestamps
+    (<Frames of list of 10 arrays: 64 x 48, 4 frames, timestamps from given>, 4, (64, 48), 'given')
+    """
+
+    def __init__(
+        self,
+        reader: Reader,
+        *,
+        grey: bool,
+        color: bool,
+        roi: tuple[int, int, int, int] | None,
+        start: int,
+        stop: int | None,
+        stride: int,
+        times: NDArray[np.float64] | None,
+        frame_rate: float | None,
+    ) -> None:
+        if not (hasattr(reader, "read") and hasattr(reader, "source")):
+            raise _checks.refused("reader", reader, "what rsflow.frames opens: call that", DTypeError)
+        self._reader = reader
+        self._grey, self._color, self._roi = grey, color, roi
+        self._start, self._stop, self._stride = start, stop, stride
+        self._times, self._given_rate = times, frame_rate
+        self._position = 0
+        self._first: tuple[tuple[int, ...], np.dtype[Any], str] | None = None
+        self._closed = False
+        self.source = reader.source
+        self.live = reader.live
+        self.frame_rate = frame_rate if frame_rate is not None else reader.frame_rate
+        self.timestamps: Timestamps = reader.timestamps if times is None and frame_rate is None else "given"
+        if reader.size is not None:
+            check_roi(roi, reader.size, self.source)
+        self._doubt: tuple[str, ...] = ()
+        if times is not None:
+            # The count of a container is an estimate: it is held against what comes.
+            if reader.exact and reader.count is not None and len(times) != reader.count:
+                raise OptionError(f"times: got {len(times)} times for the {reader.count} frames of {self.source}")
+            doubt = doubtful_step(times)
+            self._doubt = () if doubt is None else (f"times: {doubt[1]}",)
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width and height of the frames, in pixels."""
+        return (self._roi[2], self._roi[3]) if self._roi is not None else self._reader.size
+
+    @property
+    def source_size(self) -> tuple[int, int] | None:
+        """Width and height of the whole pictures, before the region of interest."""
+        return self._reader.size
+
+    @property
+    def count(self) -> int | None:
+        """How many frames are to be expected; None where the source does not say."""
+        total = self._reader.count
+        if total is None:
+            if self.live and self._stop is not None:
+                total = self._stop
+            else:
+                return None
+        end = total if self._stop is None else min(total, self._stop)
+        return max(0, -((self._start - end) // self._stride))
+
+    @property
+    def lost(self) -> int:
+        """Pictures that the source has and the decoder could not give, of those read so far."""
+        return self._reader.lost
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Peculiarities of the source that were mended, and pictures that are lost."""
+        return self._reader.notes + self._doubt
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Frame:
+        if self._closed:
+            raise StopIteration
+        if isinstance(self._reader, OfProcess):
+            self._reader._expect_here(self.source)
+        try:
+            while self._stop is None or self._position < self._stop:
+                offset = self._position - self._start
+                wanted = offset >= 0 and offset % self._stride == 0
+                raw = self._reader.read(wanted)
+                if raw is None:
+                    self._check_times()
+                    break
+                self._position += 1
+                if wanted and raw.image is not None:
+                    return self._frame(raw, raw.image)
+        except BaseException:
+            self.close()
+            raise
+        self.close()
+        raise StopIteration
+
+    def _frame(self, raw: Raw, image: NDArray[Any]) -> Frame:
+        name = f"{self.source}, frame {raw.index}" if not raw.name else raw.name
+        self._check(image, name)
+        if self._roi is not None:
+            height, width = image.shape[:2]
+            check_roi(self._roi, (width, height), name)
+            x, y, w, h = self._roi
+            image = image[y : y + h, x : x + w]
+        grey = to_grey(image) if self._grey else image
+        color = to_color(image) if self._color else None
+        return Frame(grey, self._time(raw), raw.index, color, raw.name)
+
+    def _check(self, image: NDArray[Any], name: str) -> None:
+        unmasked(name, image)
+        if image.dtype not in _DTYPES:
+            raise DTypeError(f"{name}: got a picture of {image.dtype}, expected uint8, uint16 or float32")
+        if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+            raise ShapeError(f"{name}: got shape {image.shape}, expected (H, W), (H, W, 3) BGR or (H, W, 4) BGRA")
+        if 0 in image.shape:
+            raise ShapeError(f"{name}: got an empty picture of shape {image.shape}")
+        if self._first is None:
+            self._first = (image.shape[:2], image.dtype, name)
+            return
+        shape, dtype, first = self._first
+        if image.shape[:2] != shape:
+            raise ShapeError(
+                f"pictures of different sizes: {first} has {shape[1]} x {shape[0]} pixels, "
+                f"{name} has {image.shape[1]} x {image.shape[0]}"
+            )
+        if image.dtype != dtype:
+            raise DTypeError(f"pictures of different types: {first} is {dtype}, {name} is {image.dtype}")
+
+    def _check_times(self) -> None:
+        total = self._position + self.lost
+        if self._times is not None and len(self._times) > total:
+            raise OptionError(f"times: got {len(self._times)} times for the {total} frames of {self.source}")
+
+    def _time(self, raw: Raw) -> float:
+        if self._times is not None:
+            if raw.index >= len(self._times):
+                raise OptionError(f"times: got {len(self._times)} times, but {self.source} has a frame {raw.index}")
+            return float(self._times[raw.index])
+        if self._given_rate is not None:
+            return raw.index / self._given_rate
+        return raw.t_s
+
+    def close(self) -> None:
+        """Release the camera or file; iteration ends."""
+        self._closed = True
+        self._reader.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        size = "size unknown" if self.size is None else f"{self.size[0]} x {self.size[1]}"
+        count = "" if self.count is None else f", {self.count} frames"
+        return f"<Frames of {self.source}: {size}{count}, timestamps from {self.timestamps}>"
+
+
+def frames(
+    source: FrameSource,
+    *,
+    grey: bool = True,
+    color: bool = False,
+    roi: tuple[int, int, int, int] | None = None,
+    start: int | None = None,
+    stop: int | None = None,
+    stride: int = 1,
+    frame_rate: float | None = None,
+    times: Sequence[float] | NDArray[Any] | str | os.PathLike[str] | None = None,
+    newest: bool | None = None,
+    timeout_s: float = 5.0,
+    camera_size: tuple[int, int] | None = None,
+    max_pixels: int | None = None,
+) -> Frames:
+    """Read frames with their times from a camera, a video, pictures, arrays or a URL.
+
+    Parameters
+    ----------
+    source : int, str, path, array, or iterable
+        A camera's index (0, or "0"); a video file; a folder of pictures; a glob ("left*.jpg") or numbered pattern
+        ("img%04d.png"); one picture, or all pages of one file (TIFF, animated PNG, WebP, GIF); a URL (rtsp, http, ...);
+        a list of paths, of arrays, or of (array, t_s) pairs;
+        an array (N, H, W) or (N, H, W, 3); any iterable of arrays, pairs or `Frame`. Pictures of a folder or glob
+        come in natural order (img2 before img10). Colour arrays are BGR, as OpenCV's.
+    grey : bool
+        Give `Frame.image` in grey (the default); False leaves it as the source has it.
+    color : bool
+        Also give `Frame.color`, BGR, to draw on.
+    roi : (x, y, width, height), optional
+        Crop to this region, in pixels.
+    start, stop, stride : int, optional
+        Frames to give, as `range(start, stop, stride)` of the source. Frames before `start` are passed over one by
+        one, since seeking in a video is not exact.
+    frame_rate : float, optional
+        Frames per second: times are then index / frame_rate, whatever the file says. For pictures, which have no
+        times of their own, and for slow-motion clips.
+    times : sequence of float or path, optional
+        Time in seconds of each frame of the source, as many as it has, strictly increasing; or a CSV with a column
+        `t_s` (or `t_ms`, `t_us`, `t_ns`: the name says the unit), or with one column of seconds.
+    newest : bool, optional
+        Give the newest frame and drop the older ones that nobody has taken, so that a slow reader does not fall
+        behind. By default True for a live source, and not possible for a file.
+    timeout_s : float
+        Live sources: how long to wait for a frame, trying to open the source again meanwhile, before `CaptureError`.
+    camera_size : (width, height), optional
+        Live sources: the size to ask the camera for; it may give another.
+    max_pixels : int, optional
+        Pixels that a picture may have, 2**28 by default or what the environment variable ``RSFLOW_MAX_PIXELS`` says;
+        four bytes may be decoded for each. Headers are held to it before a decoder sees them.
+
+    Returns
+    -------
+    Frames
+        An iterator of `Frame`, and a context manager.
+
+    Raises
+    ------
+    CaptureError
+        If the source is missing, empty, cannot be decoded, or goes away. A truncated video gives the frames that it
+        has; then the error says how many were promised.
+    ShapeError, DTypeError
+        If pictures differ in size or type (the message names both), also where the size changes within a video, or
+        have a type that is not supported.
+    OptionError
+        If an option is outside of what it allows.
+
+    Notes
+    -----
+    Times of a video are the file's own timestamps, also with a variable rate; `Frames.timestamps` says where they
+    are from. Where a file's timestamps go backwards although its pictures are in order (a muxer that wrote decoding
+    times), the sorted timestamps are given to the pictures. Times begin with the first picture, whatever the file
+    counts from. Pictures that the decoder cannot give are counted (`Frames.lost`) and keep their place; one that it
+    patches up from a damaged packet cannot be told from a whole one. A video that asks to be turned is turned; the
+    orientation of a picture file is not applied, so that a camera's calibration fits. Videos are decoded to 8 bits,
+    pictures keep their depth; alpha is left out. Pages of an animation have the times of their delays, where a delay
+    of 0 is 0.1 s as in browsers; reduced copies and masks in a TIFF are no pages.
+
+    Examples
+    --------
+    >>> import numpy as np, rsflow
+    >>> pictures = [np.full((4, 6), value, np.uint8) for value in (10, 20, 30)]
+    >>> with rsflow.frames(pictures, frame_rate=25.0, stride=2) as source:
+    ...     [(frame.index, frame.t_s, int(frame.image[0, 0])) for frame in source]
+    [(0, 0.0, 10), (2, 0.08, 30)]
+    """
+    grey, color = _checks.flag("grey", grey), _checks.flag("color", color)
+    newest = None if newest is None else _checks.flag("newest", newest)
+    begin = 0 if start is None else _checks.integer("start", start, least=0)
+    end = _checks.integer_or_none("stop", stop, least=0)
+    step = _checks.integer("stride", stride, least=1)
+    region = None if roi is None else _checks.region("roi", roi)
+    camera_size = None if camera_size is None else _checks.size("camera_size", camera_size)
+    frame_rate = _checks.number_or_none("frame_rate", frame_rate, least=1e-9, most=1e9, of="frames per second")
+    if frame_rate is not None and times is not None:
+        raise OptionError("frame_rate and times: got both, expected one of them")
+    timeout_s = _checks.number("timeout_s", timeout_s, above=0, most=1e9, of="seconds")
+    limit = max_pixels_of(max_pixels)
+    given = None if times is None else given_times(times)
+    source = _checked_source(source)
+
+    from .sources import open_source
+
+    reader = open_source(source, newest=newest, timeout_s=timeout_s, camera_size=camera_size, limit=limit)
+    if reader.live and (frame_rate is not None or times is not None):
+        reader.close()
+        raise OptionError(f"frame_rate, times: {reader.source} is live, its frames carry the clock's time")
+    try:
+        return Frames(
+            reader,
+            grey=grey,
+            color=color,
+            roi=region,
+            start=begin,
+            stop=end,
+            stride=step,
+            times=given,
+            frame_rate=frame_rate,
+        )
+    except BaseException:
+        reader.close()
+        raise
+
+
+def _checked_source(source: Any) -> Any:
+    """Refuse what only looks like a source: bytes, a camera's number that is none, a name that no file has."""
+    expected = "a camera's index, a path, a URL, arrays or a list"
+    if isinstance(source, (bytes, bytearray, memoryview, np.timedelta64, np.datetime64)):
+        raise _checks.refused("source", source, expected, DTypeError)
+    number = None if isinstance(source, np.ndarray) else _checks.whole(source)
+    if number is not None:
+        return _checks.integer("source", number, least=0, most=2**31 - 1)
+    if isinstance(source, os.PathLike) or (isinstance(source, str) and source and "\0" not in source):
+        _checks.path("source", source, expected)
+    return source

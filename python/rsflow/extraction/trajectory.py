@@ -1,0 +1,181 @@
+"""The path of the camera over the ground, from its velocities."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .gaps import UNSEEN
+
+if TYPE_CHECKING:
+    from ..velocity import Velocity
+
+__all__ = ["Trajectory"]
+
+# Changes of velocity that it takes to say how the velocity goes on over a gap.
+_LEAST_CHANGES = 4
+# A stretch without velocities is rarely as smooth as those with.
+_ROUGHER = 2.0
+
+
+class Trajectory:
+    """Integrate velocities to a path over level ground, in the camera's axes at the first frame.
+
+    The heading is integrated from the turn about straight down where the velocity came with one. Over a gap the
+    velocity is carried on from the one before to the one after, and the path gets the variance of a velocity that walks
+    at random as it does elsewhere and as the ends of the gap show, and no less than a motion asks for that may stop,
+    turn round or go several times as fast: nothing constrains it in a gap. The displacement's errors are independent
+    from frame to frame and add as variances; those of height, focal length and principal point stay the same and add
+    as they are.
+    """
+
+    def __init__(self) -> None:
+        self._at = np.zeros(3)
+        self._heading = 0.0
+        self._distance = self._measured = 0.0
+        self._segment = 1
+        self._independent = np.zeros(3)
+        self._distance_variance = 0.0
+        self._lasting: dict[str, Any] = {}
+        self._distance_lasting: dict[str, float] = {}
+        # The last velocity, in the path's axes, and when; the start of the path where there was none yet.
+        self._last: tuple[float, Any] | None = None
+        self._begin_s = math.nan
+        self._end_s = math.nan
+        self._waiting = self._missing = 0
+        self._missing_s = 0.0
+        self._changes = 0
+        self._walk = 0.0
+        # Of all gaps carried over: what their variance is to that of the walk, and what their own ends add.
+        self._gap_share = self._gap_change = 0.0
+        # And the least variance of their ways: what may go on unseen.
+        self._gap_least = 0.0
+        self._measured_s = 0.0
+
+    def add(self, velocity: Velocity, frame: int) -> dict[str, Any]:
+        """Give the row of ``trajectory.csv`` at a velocity; its position is NaN where there is none."""
+        row: dict[str, Any] = {"frame": frame, "t_s": velocity.t_s}
+        first = velocity.status.name == "FIRST_FRAME"
+        if first:
+            self._begin_s = velocity.t_s
+        self._end_s = velocity.t_s
+        if velocity.valid:
+            self._step(velocity)
+        elif not first:
+            self._waiting += 1
+            names = ("x_m", "y_m", "z_m", "heading_rad", "x_std_m", "y_std_m", "distance_m", "distance_std_m")
+            return row | dict.fromkeys(names, math.nan) | {"segment": self._segment}
+        gaps = self._gap_variance(self._gap_share, self._gap_change, self._gap_least)
+        std = np.sqrt(self._independent + gaps + sum(part**2 for part in self._lasting.values()))
+        x, y, z = self._at
+        return row | {
+            "segment": self._segment,
+            "x_m": float(x),
+            "y_m": float(y),
+            "z_m": float(z),
+            "heading_rad": self._heading,
+            "x_std_m": float(std[0]),
+            "y_std_m": float(std[1]),
+            "distance_m": self._distance,
+            "distance_std_m": self._distance_std(),
+        }
+
+    def figures(self) -> dict[str, Any]:
+        """Give the length of the way with its deviation, and what of it was not measured; NaN where it is not known."""
+        distance, std, lost_s = self._distance, self._distance_std(), self._missing_s
+        if self._waiting:
+            # It ends in a gap.
+            since = self._begin_s if self._last is None else self._last[0]
+            time = self._end_s - since
+            speed = math.nan if self._last is None else float(np.hypot(*self._last[1][:2]))
+            distance += speed * time
+            least = (UNSEEN * max(speed, self._mean_speed()) * time) ** 2
+            std = math.hypot(std, math.sqrt(self._gap_variance(_share(time, open_end=True), 0.0, least)))
+            lost_s += time
+        known = math.isfinite(std) and math.isfinite(distance)
+        return {
+            "distance_m": distance if known else math.nan,
+            "distance_std_m": std if known else math.inf,
+            "distance_measured_m": self._measured,
+            "distance_unmeasured": self._missing + self._waiting,
+            "distance_unmeasured_s": lost_s,
+        }
+
+    def _distance_std(self) -> float:
+        gaps = self._gap_variance(self._gap_share, self._gap_change, self._gap_least)
+        return math.sqrt(self._distance_variance + gaps + sum(part**2 for part in self._distance_lasting.values()))
+
+    def _step(self, velocity: Velocity) -> None:
+        dt = velocity.dt_s
+        turn = velocity.yaw_rate_rad_s * dt if math.isfinite(velocity.yaw_rate_rad_s) else 0.0
+        # The velocity is in the axes half-way through the interval.
+        middle = self._heading + turn / 2
+        cos, sin = math.cos(middle), math.sin(middle)
+        rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        v = np.array([velocity.vx_m_s, velocity.vy_m_s, velocity.vz_m_s])
+        along = rotation @ np.nan_to_num(v)
+        along[2] = v[2]
+        if self._waiting:
+            self._carry(along, velocity.t_s - dt)
+        elif self._last is not None:
+            # Half a step of change on either side of the time between: a random walk with this variance a second.
+            self._walk += float((np.nan_to_num(along - self._last[1])[:2] ** 2).sum()) / 2 / dt
+            self._changes += 1
+        self._last = (velocity.t_s, along)
+        self._at = self._at + along * dt
+        self._heading += turn
+        speed = float(np.hypot(v[0], v[1]))
+        self._distance += speed * dt
+        self._measured += speed * dt
+        self._measured_s += dt
+        direction = np.append(v[:2] / speed, 0.0) if speed > 0 else np.zeros(3)
+        for name, part in velocity.parts.items():
+            spread = np.where(np.isfinite(part), part, 0.0)
+            forward = float(direction @ spread @ direction)
+            if name == "displacement":
+                self._independent = self._independent + np.diag(rotation @ spread @ rotation.T) * dt**2
+                self._distance_variance += forward * dt**2
+            else:
+                # One cause that stays: the error of each frame has the sign of what it scales.
+                error = rotation @ (np.sign(v) * np.sqrt(np.maximum(np.diag(spread), 0.0))) * dt
+                self._lasting[name] = self._lasting.get(name, np.zeros(3)) + error
+                self._distance_lasting[name] = self._distance_lasting.get(name, 0.0) + math.sqrt(max(forward, 0.0)) * dt
+
+    def _carry(self, after: Any, until_s: float) -> None:
+        """Go on over a gap that ends with the velocity `after`."""
+        open_end = self._last is None
+        since, before = (self._begin_s, after) if self._last is None else self._last
+        time = until_s - since
+        # Frames out of order leave no time to go anywhere in.
+        time = time if time > 0 else 0.0
+        middle = 0.5 * (before + after)
+        if time > 0:
+            share = _share(time, open_end=open_end)
+            self._gap_share += share
+            self._gap_change += share * float(((after - before)[:2] ** 2).sum()) / 2 / time
+            fastest = max(float(np.hypot(*before[:2])), float(np.hypot(*after[:2])), self._mean_speed())
+            self._gap_least += (UNSEEN * fastest * time) ** 2
+        self._at = self._at + middle * time
+        self._distance += float(np.hypot(*middle[:2])) * time
+        self._segment += 1
+        self._missing += self._waiting
+        self._missing_s += time
+        self._waiting = 0
+
+    def _mean_speed(self) -> float:
+        return self._measured / self._measured_s if self._measured_s > 0 else 0.0
+
+    def _gap_variance(self, share: float, change: float, least: float) -> float:
+        """Variance of the way along one axis over gaps; infinite where too few velocities tell how they change."""
+        if share <= 0:
+            return 0.0
+        if self._changes < _LEAST_CHANGES:
+            return math.inf
+        return max(_ROUGHER**2 * (share * self._walk / self._changes + change), least)
+
+
+def _share(time: float, *, open_end: bool) -> float:
+    """Variance of the way over a gap, to that of the walk a second: the walk is held at both ends, or at one."""
+    return time**3 / (3.0 if open_end else 12.0)

@@ -1,0 +1,145 @@
+"""Raster drawing on pictures with OpenCV: grey to colour, text, panels, lines, and saving."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import _checks
+from ..errors import OptionError
+from ..io.atomic import writing
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+Color = tuple[int, int, int]
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+
+# Coordinates are given to OpenCV in 1/16 px.
+_SHIFT = 4
+_INK: Color = (255, 255, 255)
+_PANEL: Color = (24, 24, 24)
+
+
+def displayed(picture: NDArray[Any], name: str = "picture") -> NDArray[np.uint8]:
+    """Make a new blue, green, red uint8 picture to draw on, of any frame.
+
+    uint8 stays as it is; uint16 and floating point are stretched from their 0.5th to their 99.5th percentile.
+    """
+    array = _checks.picture(name, picture)
+    if array.dtype != np.uint8:
+        array = _stretched(array)
+    if array.ndim == 2:
+        return np.repeat(array[..., None], 3, axis=2)
+    return np.array(array, order="C")
+
+
+def display_range(array: NDArray[Any]) -> tuple[float, float]:
+    """Return the values shown as black and as white."""
+    values = array[np.isfinite(array)]
+    low, high = np.percentile(values, (0.5, 99.5)) if values.size else (0.0, 1.0)
+    return float(low), float(high)
+
+
+def distinct_color(number: int) -> Color:
+    """Return a bright colour that differs from those of the numbers nearby: hues a golden angle apart."""
+    hue = (number * 0.61803) % 1.0 * 6
+    wave = [255 * min(max(abs((hue + shift) % 6 - 3) - 1, 0.25), 1) for shift in (4.0, 2.0, 0.0)]
+    return int(wave[0]), int(wave[1]), int(wave[2])
+
+
+def _stretched(array: NDArray[Any]) -> NDArray[np.uint8]:
+    with np.errstate(over="ignore"):
+        values = array.astype(np.float32)
+    low, high = display_range(values)
+    # Clipped first: what is infinite is black or white.
+    scaled = (np.nan_to_num(values, nan=low).clip(low, high) - low) * (255.0 / max(high - low, 1e-6))
+    return scaled.clip(0, 255).astype(np.uint8)
+
+
+def magnified(picture: NDArray[np.uint8], zoom: int) -> NDArray[np.uint8]:
+    """Enlarge by a whole number; the centre of pixel x comes to (x + 0.5) zoom - 0.5."""
+    if zoom == 1:
+        return picture.copy()
+    import cv2
+
+    size = (picture.shape[1] * zoom, picture.shape[0] * zoom)
+    enlarged: NDArray[np.uint8] = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
+    return enlarged
+
+
+def polylines(picture: NDArray[np.uint8], lines: Sequence[NDArray[np.float64]], color: Color, width: int) -> None:
+    """Draw open lines of (n, 2) points, anti-aliased, in place; far outside the picture they are cut off."""
+    import cv2
+
+    if not lines:
+        return
+    limit = 1 << 14
+    fixed = [np.rint(np.clip(line, -limit, limit) * (1 << _SHIFT)).astype(np.int32) for line in lines]
+    cv2.polylines(picture, fixed, False, color, width, cv2.LINE_AA, _SHIFT)
+
+
+def text_size(text: str, *, size: float = 1.0) -> tuple[int, int]:
+    """Width and height in pixels of a text drawn by `put_text`."""
+    import cv2
+
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45 * size, 1)
+    return int(width), int(height)
+
+
+def put_text(
+    picture: NDArray[np.uint8],
+    text: str,
+    corner: tuple[int, int],
+    *,
+    size: float = 1.0,
+    color: Color = _INK,
+    rim: bool = True,
+) -> None:
+    """Draw a text in place, its lower left at (x, y); a dark rim keeps it legible on any picture."""
+    import cv2
+
+    for ink, width in ((_PANEL, 3), (color, 1)) if rim else ((color, 1),):
+        cv2.putText(picture, text, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.45 * size, ink, width, cv2.LINE_AA)
+
+
+def panel(picture: NDArray[np.uint8], left: int, top: int, right: int, bottom: int) -> None:
+    """Darken a box in place, as the ground of a legend."""
+    box = picture[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)]
+    box[...] = (box * 0.3 + np.array(_PANEL) * 0.7).astype(np.uint8)
+
+
+def round_number(value: float, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> float:
+    """Return the largest of the steps times a power of ten that is not above a positive value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(step for step in steps if step * power <= value * (1 + 1e-9)) * power)
+
+
+def expect_picture_name(path: object, *, vectors: bool = False) -> Path:
+    """Take a path whose suffix says PNG, JPEG or, with `vectors`, SVG."""
+    return _checks.file_name("path", path, (*PICTURE_SUFFIXES, ".svg") if vectors else PICTURE_SUFFIXES)
+
+
+def save_picture(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> None:
+    """Write a picture as PNG or JPEG, beside its final name first.
+
+    Raises
+    ------
+    OptionError
+        If the suffix is another one.
+    OSError
+        If it cannot be written.
+    """
+    import cv2
+
+    path = expect_picture_name(path)
+    done, data = cv2.imencode(path.suffix.lower(), picture)
+    if not done:
+        raise OptionError(f"OpenCV could not encode {picture.shape[1]} x {picture.shape[0]} pixels as {path.suffix}")
+    with writing(path) as partial:
+        partial.write_bytes(data.tobytes())

@@ -1,0 +1,166 @@
+"""The result of `rsflow.segmentation` for one frame, and its pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import _checks
+from ..errors import ShapeError
+from ..plotting import drawing
+from . import regions
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .objects import TrackedObject
+
+    F32 = NDArray[np.float32]
+    F64 = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MotionSegmentation:
+    """What moves in one frame.
+
+    Attributes
+    ----------
+    image : (H, W) array
+        The frame.
+    moving : (H, W) bool
+        True where something moves against the still surroundings.
+    residual : (H, W) float32
+        Length of the motion that the camera's does not explain, in pixels per frame; NaN where it is unknown.
+    camera_motion : (3, 3) float64
+        Homography from the pixels of the previous frame to this one's: the camera's motion as the picture shows it.
+    camera_model : str
+        ``"translation"``, ``"similarity"``, ``"affine"`` or ``"homography"``, the simplest that explains it;
+        ``"static"`` for a static camera, ``"none"`` where it could not be fitted.
+    parallax : bool
+        Whether the scene was seen to have depth: then what moves along the lines of the camera's travel counts as
+        still, and `residual` is the motion across them.
+    objects : tuple of TrackedObject
+        The regions of `moving` with their numbers, which last over the frames.
+    labels : (H, W) int32
+        The number of the object at each pixel, 0 for none.
+    background : (H, W) float32
+        The frame without what moves, in its own light: a temporal median; NaN where nothing is known yet.
+    status : str
+        ``"ok"``; ``"first_frame"``, with nothing to compare to; ``"no_camera_motion"`` where the flow does not tell the
+        camera's motion. In the last two nothing is moving.
+    mask : (H, W) bool, or None
+        True where a pixel counts, as the segmenter was told; elsewhere nothing is moving, `residual` is NaN and
+        `background` what other frames saw there, if they did. None: all count.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> segmenter = rsflow.MotionSegmenter(camera_motion="moving")
+    >>> for frame in rsflow.synthetic.flight_with_object(frames=4):
+    ...     seen = segmenter.update(frame.image)
+    >>> seen.valid, seen.camera_model, len(seen.objects), bool((seen.labels > 0).sum() == seen.moving.sum())
+    (True, 'translation', 1, True)
+    >>> seen.moving_view().shape == (*seen.moving.shape, 3)
+    True
+    """
+
+    image: NDArray[Any]
+    moving: Mask
+    residual: F32
+    camera_motion: F64
+    camera_model: str
+    parallax: bool
+    objects: tuple[TrackedObject, ...]
+    labels: NDArray[np.int32]
+    background: F32
+    status: str
+    mask: Mask | None = None
+
+    @property
+    def valid(self) -> bool:
+        """Whether the frame could be compared with the one before."""
+        return self.status == "ok"
+
+    def moving_view(self, picture: NDArray[Any] | None = None, *, boxes: bool = True) -> NDArray[np.uint8]:
+        """Draw what moves, in its own light, before the darkened rest.
+
+        Parameters
+        ----------
+        picture : ndarray, optional
+            The frame in colour, to draw on instead of `image`.
+        boxes : bool
+            Whether each object has its box, number, and a line of ten times its motion, at most thrice its box.
+
+        Returns
+        -------
+        ndarray of uint8, (height, width, 3)
+            Blue, green, red.
+
+        Raises
+        ------
+        ShapeError
+            If the picture is not of the frame's size.
+        """
+        import cv2
+
+        boxes = _checks.flag("boxes", boxes)
+        shown = self._canvas(picture)
+        grey = cv2.convertScaleAbs(cv2.cvtColor(shown, cv2.COLOR_BGR2GRAY), alpha=0.35)
+        out: NDArray[np.uint8] = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+        cv2.copyTo(shown, self.moving.view(np.uint8), out)
+        if boxes:
+            self._draw_boxes(out)
+        return out
+
+    def static_view(self, picture: NDArray[Any] | None = None) -> NDArray[np.uint8]:
+        """Draw the frame without what moves: the background stands in its place, or hatching where none is known.
+
+        Parameters
+        ----------
+        picture : ndarray, optional
+            The frame in colour, to draw on instead of `image`; what is filled in is grey.
+
+        Returns
+        -------
+        ndarray of uint8, (height, width, 3)
+            Blue, green, red.
+
+        Raises
+        ------
+        ShapeError
+            If the picture is not of the frame's size.
+        """
+        out = self._canvas(picture)
+        # Only what is replaced is looked at: most of a picture stands still.
+        near = regions.dilated(self.moving, 5)
+        rows, columns = regions.pixels(near if self.mask is None else near & self.mask)
+        behind = self.background[rows, columns]
+        low, high = (0.0, 255.0) if self.image.dtype == np.uint8 else drawing.display_range(self.image)
+        filled = np.clip((np.nan_to_num(behind) - low) * (255.0 / max(high - low, 1e-6)), 0, 255)
+        hatching = np.where((rows + columns) % 8 < 2, 110, 70)
+        out[rows, columns] = np.where(np.isfinite(behind), filled, hatching).astype(np.uint8)[:, None]
+        return out
+
+    def _canvas(self, picture: NDArray[Any] | None) -> NDArray[np.uint8]:
+        out = drawing.displayed(self.image if picture is None else picture)
+        if out.shape[:2] != self.moving.shape:
+            raise ShapeError(f"picture: got shape {out.shape[:2]}, expected that of the frame, {self.moving.shape}")
+        return out
+
+    def _draw_boxes(self, out: NDArray[np.uint8]) -> None:
+        import cv2
+
+        for thing in self.objects:
+            color = drawing.distinct_color(thing.id)
+            x, y, width, height = thing.box
+            cv2.rectangle(out, (x - 2, y - 2), (x + width + 1, y + height + 1), color, 1)
+            if np.isfinite(thing.vx):
+                # Not longer than thrice the thing: a speed that is wrong must not draw through the picture.
+                scale = min(10.0, 3 * math.hypot(width, height) / max(math.hypot(thing.vx, thing.vy), 1e-6))
+                tip = np.array([[thing.x, thing.y], [thing.x + scale * thing.vx, thing.y + scale * thing.vy]])
+                drawing.polylines(out, [tip], color, 1)
+            drawing.put_text(out, str(thing.id), (x - 2, max(y - 5, 12)), color=color)
