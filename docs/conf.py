@@ -16,3 +16,5 @@ html_theme = "furo"
 html_title = "rsflow"
 exclude_patterns = ["_build"]
 myst_heading_anchors = 3
+# The algorithm page: $...$ in the text, $$...$$ (label) for numbered equations.
+myst_enable_extensions = ["dollarmath"]
