@@ -88,7 +88,7 @@ def in_python(source: str, name: str) -> list[Any]:
 
 def source_of(file: str) -> str:
     path = (CORE if file.endswith(".rs") else PACKAGE) / file
-    assert path.is_file(), f"docs/algorithms.md names {file}, which is not there: write there where its constants are now"
+    assert path.is_file(), f"docs/algorithms.md names {file}, which is not there: say where its constants are"
     return path.read_text(encoding="utf-8")
 
 
