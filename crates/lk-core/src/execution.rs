@@ -47,9 +47,9 @@ impl Execution {
     #[must_use]
     pub fn num_threads(&self) -> usize {
         if self.threads == 0 {
-            crate::parallel::num_threads()
+            crate::threads::num_threads()
         } else {
-            self.threads.min(crate::parallel::MAX_THREADS)
+            self.threads.min(crate::threads::MAX_THREADS)
         }
     }
 
@@ -71,7 +71,7 @@ impl Execution {
     /// [`Error::Cancelled`] once the cancel flag is true, [`Error::Option`] where the environment asks for instructions
     /// that are none, or the caller for too many threads.
     pub fn check(&self) -> Result<()> {
-        crate::parallel::check_threads(self.threads)?;
+        crate::threads::check_threads(self.threads)?;
         if self.level.is_none() {
             SimdLevel::of_environment()?;
         }

@@ -30,6 +30,7 @@ mod scratch;
 mod shift;
 mod simd;
 mod support;
+mod threads;
 mod track;
 
 pub use corners::{Corner, CornerDetector, CornerOptions, detect_corners};
@@ -40,12 +41,13 @@ pub use error::{Error, Result};
 pub use execution::Execution;
 pub use frame::{Frame, Pixel, Plane};
 pub use illumination::Illumination;
-pub use parallel::{MAX_THREADS, num_threads, set_num_threads};
+pub use parallel::set_num_threads;
 pub use pyramid::Pyramid;
 pub use sample::{Spline, bilinear};
 pub use shift::{Roi, Shift, ShiftDeformation, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::SimdLevel;
 pub use support::Masks;
+pub use threads::{MAX_THREADS, num_threads};
 pub use track::{
     Deformation, PointStatus, PointTracker, PyrLkOptions, PyrLkPoint, StreamPoint, TrackOptions,
     TrackedPoint, TrackerSnapshot, track_points, track_pyr_lk, track_pyramids,

@@ -8,25 +8,21 @@ mod keep_warm;
 mod split;
 
 use std::ops::Range;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, LazyLock, OnceLock};
+use std::sync::atomic::AtomicUsize;
+use std::sync::{Arc, LazyLock};
 
 use arc_swap::ArcSwap;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
+use crate::threads::{self, num_threads};
 
 use keep_warm::{Call, join};
 pub(crate) use split::{EvenRows, RowsMut, SplitRows};
 
 /// Shortest bands, of about 10 us or more each, between two looks at a cancel flag.
 const CANCELLABLE_BAND: usize = 16;
-
-static REQUESTED: AtomicUsize = AtomicUsize::new(0);
-
-/// Most threads of a call: each has memory of its own, and more than there are CPUs gain nothing.
-pub const MAX_THREADS: usize = 1024;
 
 /// The pools of one process, by thread count: that of the last call, and that of calls that do not say otherwise. Others
 /// are let go, and their threads end once the last call that uses them does.
@@ -52,27 +48,15 @@ static POOLS: LazyLock<ArcSwap<Pools>> = LazyLock::new(|| {
 ///
 /// # Errors
 ///
-/// [`Error::Option`] for more than [`MAX_THREADS`].
+/// [`Error::Option`] for more than [`MAX_THREADS`](crate::MAX_THREADS).
 pub fn set_num_threads(threads: usize) -> Result<()> {
-    check_threads(threads)?;
-    REQUESTED.store(threads, Ordering::Relaxed);
+    threads::request(threads)?;
     let (process, wanted) = (std::process::id(), num_threads());
     // The pools of a parent cannot be let go: see `pool`.
     if POOLS.load().process == process {
         POOLS.rcu(|pools| pools.kept(process, |count| count == wanted));
     }
     Ok(())
-}
-
-pub(crate) fn check_threads(threads: usize) -> Result<()> {
-    if threads <= MAX_THREADS {
-        return Ok(());
-    }
-    Err(Error::option(
-        "threads",
-        threads,
-        format!("1 to {MAX_THREADS}, or 0 for one for each CPU"),
-    ))
 }
 
 impl Pools {
@@ -83,21 +67,6 @@ impl Pools {
             process,
             by_threads: own.filter(|(count, _)| wanted(*count)).cloned().collect(),
         }
-    }
-}
-
-/// The number of threads of all calls that do not say otherwise; how many CPUs there are is asked once.
-#[must_use]
-pub fn num_threads() -> usize {
-    // Asking reads files of the control groups: about 30 us, and every band of rows would pay it.
-    static CPUS: OnceLock<usize> = OnceLock::new();
-    match REQUESTED.load(Ordering::Relaxed) {
-        0 => *CPUS.get_or_init(|| {
-            std::thread::available_parallelism()
-                .map_or(1, std::num::NonZero::get)
-                .min(MAX_THREADS)
-        }),
-        threads => threads,
     }
 }
 

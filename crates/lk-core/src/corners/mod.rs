@@ -9,7 +9,7 @@ mod select;
 
 use ndarray::ArrayView2;
 
-pub use options::CornerOptions;
+pub use options::{Corner, CornerOptions};
 
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Pixel, Plane, expect_size};
@@ -18,16 +18,6 @@ use crate::scratch::with_scratch;
 use crate::support::Support;
 use response::TensorRows;
 use select::Selection;
-
-/// A corner of a frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Corner {
-    /// Position (x, y) in pixels.
-    pub position: [f32; 2],
-    /// Its response, in squared grey levels per pixel: the smaller eigenvalue of the mean structure tensor, or
-    /// Harris and Stephens' response.
-    pub response: f32,
-}
 
 /// Memory that is kept from frame to frame.
 #[derive(Debug, Default)]

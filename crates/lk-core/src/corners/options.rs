@@ -1,10 +1,20 @@
-//! What counts as a corner, and how many are wanted.
+//! What a corner is, what counts as one, and how many are wanted.
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 
 /// The largest window of the structure tensor, in pixels a side.
 const MAX_BLOCK: usize = 63;
+
+/// A corner of a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corner {
+    /// Position (x, y) in pixels.
+    pub position: [f32; 2],
+    /// Its response, in squared grey levels per pixel: the smaller eigenvalue of the mean structure tensor, or
+    /// Harris and Stephens' response.
+    pub response: f32,
+}
 
 /// What counts as a corner, and how many are wanted.
 ///

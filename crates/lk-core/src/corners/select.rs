@@ -2,8 +2,7 @@
 
 use ndarray::ArrayView2;
 
-use super::Corner;
-use super::options::CornerOptions;
+use super::options::{Corner, CornerOptions};
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::{reserve, reserve_more, resize};

@@ -1,12 +1,12 @@
 //! A window that shows structure in one direction only: the displacement across the structure.
 
-use super::estimate::{AMBIGUITY_RATIO, EXPLAINED, measured};
-use super::evaluate::GainField;
 use super::gauss_newton::{Found, Guess, Problem};
+use super::judge::{AMBIGUITY_RATIO, EXPLAINED, measured};
 use super::matrix::{largest_direction, quadratic};
+use super::model::LightScope;
 use super::normalization::Normalization;
-use super::solve::LightScope;
-use super::{Shift, ShiftStatus};
+use super::result::{Shift, ShiftStatus};
+use super::view::GainField;
 use crate::error::Result;
 
 /// A standard deviation above this is no measurement, in pixels.

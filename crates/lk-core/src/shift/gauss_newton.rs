@@ -1,13 +1,15 @@
 //! From one start at a coarse level down to the displacement.
 
-use super::evaluate::{
-    Evaluation, GainField, REACH, Workspace, evaluate, gain_field, gain_ramp, is_one_light,
-};
+use super::affine;
+use super::evaluate::{Workspace, evaluate, gain_field, gain_ramp, is_one_light};
 use super::inputs::Inputs;
 use super::matrix::{Matrix, eigenvalues};
+use super::model::LightScope;
+use super::options::ShiftOptions;
+use super::result::ShiftStatus;
 use super::robust_covariance::SETTLED;
-use super::solve::{LightScope, Solution};
-use super::{ShiftOptions, ShiftStatus};
+use super::solution::Solution;
+use super::view::{Evaluation, GainField, REACH};
 use crate::error::Result;
 
 /// Side of a tile at a coarse level, in its pixels.
@@ -109,6 +111,7 @@ impl Found {
 pub(super) struct Problem<'a> {
     pub(super) inputs: &'a Inputs,
     pub(super) workspace: &'a mut Workspace,
+    pub(super) clusters: &'a mut affine::Workspace,
     pub(super) options: &'a ShiftOptions,
 }
 
@@ -145,85 +148,68 @@ impl Problem<'_> {
         let params = Evaluation {
             displacement: found.displacement,
             whole: found.displacement.map(f64::round),
-            illumination: self.options.illumination,
-            gain: GainField::default(),
-            tile: self.inputs.tile,
-            borders: true,
-            rounding: self.inputs.normalization.rounding,
             scope: LightScope::Window,
-            common_structure: false,
+            ..self.evaluation(0, GainField::default())
         };
         let execution = &self.options.execution;
         let solution = evaluate(self.inputs.pair(0), params, self.workspace, execution)?;
         Ok(solution.map(|solution| solution.correlation))
     }
 
+    /// An evaluation of a level, of which the displacement is not set yet.
+    pub(super) fn evaluation(&self, level: usize, gain: GainField) -> Evaluation {
+        Evaluation {
+            displacement: [0.0; 2],
+            whole: [0.0; 2],
+            illumination: self.options.illumination,
+            gain,
+            tile: if level == 0 {
+                self.inputs.tile
+            } else {
+                COARSE_TILE
+            },
+            borders: true,
+            rounding: self.inputs.normalization.rounding / f64::from(1u32 << (2 * level)),
+            scope: LightScope::Tiles,
+            common_structure: false,
+        }
+    }
+
     /// Gauss-Newton iteration at one level.
     pub(super) fn gauss_newton(
         &mut self,
-        Guess {
-            level,
-            mut displacement,
-            mut gain,
-            scope,
-            common_structure,
-            direction,
-            to_the_end,
-        }: Guess,
+        guess: Guess,
     ) -> Result<std::result::Result<Found, ShiftStatus>> {
+        let Guess {
+            level,
+            scope,
+            direction,
+            ..
+        } = guess;
         let finest = level == 0;
         let pair = self.inputs.pair(level);
-        let mut whole = displacement.map(f64::round);
-        let mut before: Option<[f64; 2]> = None;
-        let (mut fits, mut ramps) = (0, 0);
+        let mut state = State::new(guess);
         let mut found = None;
         for index in 0..if finest { 20 } else { 6 } {
-            for (whole, exact) in whole.iter_mut().zip(displacement) {
-                if (exact - *whole).abs() > REACH {
-                    *whole = exact.round();
-                    before = None;
-                }
-            }
+            state.round();
             let params = Evaluation {
-                displacement,
-                whole,
-                illumination: self.options.illumination,
-                gain,
-                tile: if finest {
-                    self.inputs.tile
-                } else {
-                    COARSE_TILE
-                },
-                borders: true,
-                rounding: self.inputs.normalization.rounding / f64::from(1u32 << (2 * level)),
+                displacement: state.displacement,
+                whole: state.whole,
                 scope: if scope == LightScope::Tiles && index >= FREE_MERGES {
                     LightScope::HeldTiles
                 } else {
                     scope
                 },
-                common_structure,
+                common_structure: guess.common_structure,
+                ..self.evaluation(level, state.gain)
             };
             let solution = evaluate(pair, params, self.workspace, &self.options.execution)?;
             let Some(solution) = solution else {
                 return Ok(Err(ShiftStatus::TooLittleOverlap));
             };
             let exact = direction.map_or(solution.step, |along| solution.step_along(along));
-            let (step, left) = extrapolated(exact, before);
-            let length = step[0].hypot(step[1]);
-            let damp = if length > 1.0 { 1.0 / length } else { 1.0 };
-            for (value, step) in displacement.iter_mut().zip(step) {
-                *value += damp * step;
-            }
-            before = (length < 0.2).then_some(exact);
-            let settled = if finest {
-                let [xx, yy] = [0, 1].map(|axis| solution.covariance[axis][axis]);
-                let variance = direction.map_or(xx.min(yy), |along| solution.variance_along(along));
-                let deviation = variance.max(0.0).sqrt().min(MAX_DEVIATION);
-                SETTLED.max(SETTLED_SHARE * deviation)
-            } else {
-                COARSE_SETTLED
-            };
-            let steady = length * left < settled;
+            let (length, left) = state.go(exact);
+            let steady = length * left < settled(&solution, finest, direction);
             // Gains of tiles are those of the light where one light nearly holds; elsewhere they may be motion.
             let window = scope == LightScope::Window;
             let one_light = window
@@ -231,9 +217,9 @@ impl Problem<'_> {
                 && (steady || length < 0.2)
                 && is_one_light(pair, params, self.workspace)?;
             found = Some(Found {
-                displacement,
+                displacement: state.displacement,
                 solution,
-                gain,
+                gain: state.gain,
                 scope,
                 matches: solution.matches(),
                 steady,
@@ -249,26 +235,89 @@ impl Problem<'_> {
                 && free
                 && !one_light
                 && length < RAMP_TOLD
-                && ramps < RAMP_FITS
+                && state.ramps < RAMP_FITS
                 && let Some(ramp) = gain_ramp(pair, params, solution.excess, self.workspace)
             {
-                ramps += 1;
-                gain = ramp;
-                before = None;
+                state.ramps += 1;
+                state.gain = ramp;
+                state.before = None;
                 continue;
             }
-            if steady || (told && !to_the_end) {
+            if steady || (told && !guess.to_the_end) {
                 break;
             }
-            let fit =
-                free && length < 0.2 && fits < GAIN_FITS && (fits == 0 || length > GAIN_SETTLED);
-            if fit && (one_light || !window) {
-                fits += 1;
-                gain = gain_field(pair, params, self.workspace)?;
+            if free && state.may_fit(length) && (one_light || !window) {
+                state.fits += 1;
+                state.gain = gain_field(pair, params, self.workspace)?;
             }
         }
         Ok(found.ok_or(ShiftStatus::NotConverged))
     }
+}
+
+/// Where the iteration stands.
+#[derive(Debug)]
+struct State {
+    displacement: [f64; 2],
+    /// The whole pixels at which the frames are compared.
+    whole: [f64; 2],
+    gain: GainField,
+    /// The step before, if it was short.
+    before: Option<[f64; 2]>,
+    /// How often the gain was fitted, and how often its variation over the window.
+    fits: usize,
+    ramps: usize,
+}
+
+impl State {
+    fn new(guess: Guess) -> Self {
+        Self {
+            displacement: guess.displacement,
+            whole: guess.displacement.map(f64::round),
+            gain: guess.gain,
+            before: None,
+            fits: 0,
+            ramps: 0,
+        }
+    }
+
+    /// Compare at other whole pixels where the displacement has gone too far from those.
+    fn round(&mut self) {
+        for (whole, exact) in self.whole.iter_mut().zip(self.displacement) {
+            if (exact - *whole).abs() > REACH {
+                *whole = exact.round();
+                self.before = None;
+            }
+        }
+    }
+
+    /// Take a step; its length, made longer or shorter by what the one before left, and the share of it to come.
+    fn go(&mut self, exact: [f64; 2]) -> (f64, f64) {
+        let (step, left) = extrapolated(exact, self.before);
+        let length = step[0].hypot(step[1]);
+        let damp = if length > 1.0 { 1.0 / length } else { 1.0 };
+        for (value, step) in self.displacement.iter_mut().zip(step) {
+            *value += damp * step;
+        }
+        self.before = (length < 0.2).then_some(exact);
+        (length, left)
+    }
+
+    /// Whether the gain may be fitted after a step of this length.
+    fn may_fit(&self, length: f64) -> bool {
+        length < 0.2 && self.fits < GAIN_FITS && (self.fits == 0 || length > GAIN_SETTLED)
+    }
+}
+
+/// The length of a step below which the iteration has settled.
+fn settled(solution: &Solution, finest: bool, direction: Option<[f64; 2]>) -> f64 {
+    if !finest {
+        return COARSE_SETTLED;
+    }
+    let [xx, yy] = [0, 1].map(|axis| solution.covariance[axis][axis]);
+    let variance = direction.map_or(xx.min(yy), |along| solution.variance_along(along));
+    let deviation = variance.max(0.0).sqrt().min(MAX_DEVIATION);
+    SETTLED.max(SETTLED_SHARE * deviation)
 }
 
 /// A step, made longer or shorter by what the one before it left, and the share of it that the next would be: the

@@ -4,9 +4,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use ndarray::ArrayView2;
 
-use super::Roi;
 use super::coordinates::Pair;
 use super::normalization::Normalization;
+use super::options::Roi;
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, pixels_of, read_row};

@@ -4,7 +4,7 @@
 use std::cell::Cell;
 
 use super::inputs::Inputs;
-use super::{evaluate, start};
+use super::{affine, evaluate, start};
 use crate::error::{Error, Result};
 
 /// Pixels of both frames up to which the memory is kept, about 12 bytes for each.
@@ -16,6 +16,7 @@ pub(super) struct Workspace {
     pub(super) inputs: Inputs,
     pub(super) start: start::Workspace,
     pub(super) evaluation: evaluate::Workspace,
+    pub(super) clusters: affine::Workspace,
 }
 
 thread_local! {

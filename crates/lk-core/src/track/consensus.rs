@@ -5,7 +5,6 @@ use crate::error::Result;
 use crate::track::affine::Warp;
 use crate::track::neighbours::Grid;
 use crate::track::options::{PointStatus, TrackedPoint};
-use crate::track::retry::is_retryable;
 use crate::track::solve::Problem;
 
 /// Of so many points at least, this share must be lost.
@@ -34,7 +33,7 @@ pub(super) fn reject_isolated(
     let (mut lost, mut tracked) = (0usize, 0usize);
     for (track, point) in tracks.iter().zip(points) {
         tracked += usize::from(track.is_valid());
-        lost += usize::from(is_retryable(track.status) && problem.holds(*point));
+        lost += usize::from(track.status.is_retryable() && problem.holds(*point));
     }
     let judged = lost + tracked;
     if tracked == 0 || judged < LEAST_POINTS || (lost as f32) < LOST_SHARE * judged as f32 {

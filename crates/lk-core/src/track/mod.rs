@@ -38,11 +38,9 @@ use crate::parallel::{RowsMut, both, for_each_band, within_pool};
 use crate::pyramid::Pyramid;
 use crate::support::Masks;
 use consensus::reject_isolated;
+use options::POINTS;
 use retry::Memory;
 use solve::{Problem, Workspace};
-
-/// What memory for points holds.
-const POINTS: &str = "points";
 
 /// Points that one thread takes at least: some 50 us of work.
 const MIN_POINTS: usize = 16;

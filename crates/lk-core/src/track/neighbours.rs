@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::memory::{reserve, resize};
-use crate::track::POINTS;
+use crate::track::options::POINTS;
 
 /// Neighbours asked.
 pub(super) const NEIGHBOURS: usize = 3;

@@ -4,8 +4,7 @@
 //! window, d = (g - 1) a + offset - g grad(a).s. The unknowns of the light are eliminated in closed form, so that a
 //! step is one 2 x 2 solve under every model.
 
-use crate::illumination::Illumination;
-use crate::track::patch::{Sums, Template};
+use crate::track::patch::{Light, Sums, Template};
 
 /// Gains beyond which two windows are not the same thing in another light.
 pub(crate) const GAIN_RANGE: (f64, f64) = (0.25, 4.0);
@@ -16,68 +15,6 @@ const LEAST_SHARE: f64 = 1e-5;
 /// Correlation of the noise of two samples one and two pixels apart along an axis: the cubic B-spline's weights at a
 /// whole pixel, 1/6, 4/6 and 1/6, correlated with themselves.
 const NOISE_CORRELATION: [f64; 2] = [4.0 / 9.0, 1.0 / 18.0];
-
-/// What of the light is unknown in one window.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Light {
-    gain: bool,
-    offset: bool,
-    /// Whether the offset varies linearly over the window.
-    tilt: bool,
-}
-
-impl Light {
-    pub(crate) const STEADY: Self = Self {
-        gain: false,
-        offset: false,
-        tilt: false,
-    };
-    pub(crate) const OFFSET: Self = Self {
-        offset: true,
-        ..Self::STEADY
-    };
-    pub(crate) const GAIN_OFFSET: Self = Self {
-        gain: true,
-        ..Self::OFFSET
-    };
-    pub(crate) const TILTED_OFFSET: Self = Self {
-        tilt: true,
-        ..Self::OFFSET
-    };
-
-    pub(crate) fn of(illumination: Illumination) -> Self {
-        match illumination {
-            Illumination::None => Self::STEADY,
-            Illumination::Offset => Self::OFFSET,
-            Illumination::GainOffset => Self::GAIN_OFFSET,
-        }
-    }
-
-    pub(crate) fn has_gain(self) -> bool {
-        self.gain
-    }
-
-    pub(crate) fn has_offset(self) -> bool {
-        self.offset
-    }
-
-    /// Whether anything of it may change.
-    pub(crate) fn changes(self) -> bool {
-        self.gain || self.offset
-    }
-
-    pub(crate) fn has_tilt(self) -> bool {
-        self.tilt
-    }
-
-    /// The same, with an offset that varies over the window where the model has a gain.
-    pub(crate) fn with_tilt(self) -> Self {
-        Self {
-            tilt: self.gain,
-            ..self
-        }
-    }
-}
 
 /// Lighting models within "gain_offset", the simplest first, and how much more than the full one they may leave: the
 /// 90 % quantile of chi squared for the unknowns that they lack.

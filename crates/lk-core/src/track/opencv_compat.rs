@@ -10,8 +10,8 @@ use crate::memory::resize;
 use crate::parallel::{RowsMut, for_each_band};
 use crate::pyramid::Pyramid;
 use crate::simd::{SimdLevel, dispatch_eight};
-use crate::track::POINTS;
-use crate::track::normal::Light;
+use crate::track::options::POINTS;
+use crate::track::patch::Light;
 use crate::track::patch::{
     AbsoluteDifference, BorderScratch, BuildTemplate, Compare, MAX_WINDOW, Sampling, Template,
     Window,

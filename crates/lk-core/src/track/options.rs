@@ -5,6 +5,9 @@ use crate::execution::Execution;
 use crate::illumination::Illumination;
 use crate::track::patch::{MAX_WINDOW, Window};
 
+/// What memory for points holds.
+pub(super) const POINTS: &str = "points";
+
 /// The smallest window, in pixels a side: less has no gradient to speak of.
 const MIN_WINDOW: usize = 3;
 
@@ -303,6 +306,14 @@ impl PointStatus {
             Self::LowSupport => "low_support",
             Self::Ambiguous => "ambiguous",
         }
+    }
+
+    /// Whether another start could help.
+    pub(super) fn is_retryable(self) -> bool {
+        matches!(
+            self,
+            Self::OutOfFrame | Self::NotConverged | Self::HighResidual | Self::ForwardBackward
+        )
     }
 }
 

@@ -8,9 +8,9 @@ use crate::displacement_hypotheses::Hypotheses;
 use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
 use crate::parallel::{RowsMut, for_each_band};
-use crate::track::POINTS;
 use crate::track::affine::Deformed;
 use crate::track::neighbours::{Grid, NEIGHBOURS};
+use crate::track::options::POINTS;
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::repetition::Repetition;
 use crate::track::solve::{Problem, Workspace};
@@ -46,17 +46,6 @@ pub(crate) struct Memory {
     pub(super) deformed: Deformed,
 }
 
-/// Whether another start could help.
-pub(super) fn is_retryable(status: PointStatus) -> bool {
-    matches!(
-        status,
-        PointStatus::OutOfFrame
-            | PointStatus::NotConverged
-            | PointStatus::HighResidual
-            | PointStatus::ForwardBackward
-    )
-}
-
 impl Memory {
     /// Make room for so many points.
     pub(crate) fn reserve(&mut self, points: usize) -> Result<()> {
@@ -81,7 +70,7 @@ impl Memory {
         let mut found = 0usize;
         for (index, (track, point)) in tracks.iter().zip(points).enumerate() {
             found += usize::from(track.is_valid());
-            if is_retryable(track.status) && problem.holds(*point) {
+            if track.status.is_retryable() && problem.holds(*point) {
                 self.pending.push(index as u32);
             }
         }

@@ -5,8 +5,9 @@ use ndarray::ArrayView2;
 use crate::error::{Error, Result};
 use crate::frame::Plane;
 use crate::memory::{replace, reserve};
+use crate::track::options::POINTS;
 use crate::track::stream::Alive;
-use crate::track::{POINTS, PointTracker};
+use crate::track::stream::PointTracker;
 
 /// What a [`PointTracker`] knows, to the bit: one of the same options that is given it goes on as the first would have.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,8 +5,9 @@ use std::cell::Cell;
 use crate::frame::Plane;
 use crate::simd::{SimdLevel, dispatch_eight};
 use crate::support::Support;
-use crate::track::normal::{Light, Normal, Step};
+use crate::track::normal::{Normal, Step};
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
+use crate::track::patch::Light;
 use crate::track::patch::{
     BorderScratch, BuildTemplate, Compare, Place, Sampling, SumAgain, Sums, Template, Window,
 };

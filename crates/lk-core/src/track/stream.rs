@@ -9,9 +9,10 @@ use crate::memory::{reserve, resize};
 use crate::parallel::within_pool;
 use crate::pyramid::Pyramid;
 use crate::support::Masks;
+use crate::track::options::POINTS;
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
 use crate::track::retry::Memory;
-use crate::track::{Guesses, POINTS, track_keeping};
+use crate::track::{Guesses, track_keeping};
 
 /// Share of the points that must be lost at once for a scene cut: a point that seems to survive one is chance.
 const CUT_SHARE: f32 = 0.8;

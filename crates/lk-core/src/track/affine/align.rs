@@ -16,7 +16,8 @@ use crate::track::affine::sums::{Project, Square};
 use crate::track::affine::template::{Correlation, Differentiate, Samples, Template, stride};
 use crate::track::affine::warp::{Positions, Warp};
 use crate::track::noise::Gradients;
-use crate::track::normal::{Light, SIMPLER, unit_noise};
+use crate::track::normal::{SIMPLER, unit_noise};
+use crate::track::patch::Light;
 use crate::track::patch::Window;
 
 /// Share of a window's pixels that must count.

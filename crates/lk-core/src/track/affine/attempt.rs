@@ -4,8 +4,8 @@ use crate::track::affine::align::{Aligner, Input, Output};
 use crate::track::affine::sample::Filter;
 use crate::track::affine::warp::Warp;
 use crate::track::noise::{Samples, noise_gain};
-use crate::track::normal::Light;
 use crate::track::options::{Deformation, PointStatus, TrackedPoint};
+use crate::track::patch::Light;
 use crate::track::solve::{Direction, Problem, coarse_window};
 use crate::track::verify::{Fit, RETURN_SHARE};
 

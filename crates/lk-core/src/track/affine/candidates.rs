@@ -3,10 +3,9 @@
 
 use crate::error::Result;
 use crate::memory::reserve;
-use crate::track::POINTS;
 use crate::track::neighbours::Grid;
+use crate::track::options::POINTS;
 use crate::track::options::{Deformation, TrackedPoint};
-use crate::track::retry::is_retryable;
 use crate::track::solve::Problem;
 
 /// Share of the points that must be open, and least number of them, for a closer look.
@@ -46,7 +45,7 @@ pub(in crate::track) fn candidates(
         if track.is_valid() {
             track.unexplained > UNEXPLAINED
         } else {
-            is_retryable(track.status) && problem.holds(points[index])
+            track.status.is_retryable() && problem.holds(points[index])
         }
     };
     let count = |step: usize, is_open: &dyn Fn(usize) -> bool| {

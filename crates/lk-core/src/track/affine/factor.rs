@@ -1,7 +1,8 @@
 //! The least squares of one step: the normal equations of a template, and what their solution leaves.
 
 use crate::track::affine::warp::{Warp, inverted, product};
-use crate::track::normal::{GAIN_RANGE, Light};
+use crate::track::normal::GAIN_RANGE;
+use crate::track::patch::Light;
 
 /// Unknowns: the displacement and the derivative of the warp along x and along y, an offset, a gain, the offset's slopes.
 pub(super) const UNKNOWNS: usize = 10;

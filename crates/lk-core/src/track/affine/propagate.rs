@@ -6,7 +6,6 @@
 use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
 use crate::parallel::{RowsMut, for_each_band};
-use crate::track::POINTS;
 use crate::track::affine::align::Aligner;
 use crate::track::affine::attempt::{Outcome, Starts};
 use crate::track::affine::candidates::candidates;
@@ -15,6 +14,7 @@ use crate::track::affine::search::{Search, SearchMemory};
 use crate::track::affine::warp::Warp;
 use crate::track::consensus::{AGREEING, WITNESSES, agrees};
 use crate::track::neighbours::{Grid, NEIGHBOURS};
+use crate::track::options::POINTS;
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::solve::Problem;
 

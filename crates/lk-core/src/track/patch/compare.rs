@@ -1,24 +1,12 @@
 //! One comparison of a template with `next`, and the sums that a step needs.
 
 use super::Window;
-use super::region::{BorderScratch, region, split};
-use super::sampling::{Linear, SPLINE_BEFORE, SPLINE_TAPS, Sampling, Spline, pair, spline_weights};
-use super::template::{Cell, Template};
+use super::region::{BorderScratch, SPLINE_BEFORE, SPLINE_TAPS, region, split};
+use super::sampling::{Linear, Sampling, Spline, pair, spline_weights};
+use super::sums::{Cell, Sums};
+use super::template::Template;
 use crate::frame::Plane;
 use crate::simd::{EIGHT, Eight, EightKernel};
-
-/// Sums over the window of the difference d = next - prev; 0 where they were not asked for.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Sums {
-    /// With the intensity and the gradients.
-    pub(crate) products: [f64; 3],
-    /// Alone.
-    pub(crate) plain: f64,
-    /// With the coordinates from the window's centre.
-    pub(crate) tilt: [f64; 2],
-    /// Squared.
-    pub(crate) squared: f64,
-}
 
 /// Compare a [`Template`] with `next` around `centre`. Sums that only a change of light needs are those
 /// that the template has.
@@ -80,22 +68,8 @@ impl Compare<'_> {
         let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
         let mut sums = DifferenceSums::<L, LIGHT, TILT, SQUARED>::new(template);
         for block in 0..window.blocks() {
-            let mask = L::first(window.width - block * EIGHT);
             let mut samples = Linear::new(region, block * EIGHT, &wx);
-            let mut columns = [L::zero(); 2];
-            if MASKED {
-                let keep = template.joint.column(block, window);
-                for (cell, keep) in template.column(block).iter().zip(keep) {
-                    let value = samples.below(&wx, &wy);
-                    sums.add(value, cell, L::unpack(keep), &mut columns);
-                }
-            } else {
-                for cell in template.column(block) {
-                    let value = samples.below(&wx, &wy);
-                    sums.add(value, cell, mask, &mut columns);
-                }
-            }
-            sums.close(columns, window, block);
+            sums.block::<MASKED>(template, block, || samples.below(&wx, &wy));
         }
         sums.finish()
     }
@@ -117,22 +91,8 @@ impl Compare<'_> {
         let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
         let mut sums = DifferenceSums::<L, LIGHT, LIGHT, true>::new(template);
         for block in 0..window.blocks() {
-            let mask = L::first(window.width - block * EIGHT);
             let mut samples = Spline::new(region, block * EIGHT, &wx);
-            let mut columns = [L::zero(); 2];
-            if MASKED {
-                let keep = template.joint.column(block, window);
-                for (cell, keep) in template.column(block).iter().zip(keep) {
-                    let value = samples.below(&wx, &wy);
-                    sums.add(value, cell, L::unpack(keep), &mut columns);
-                }
-            } else {
-                for cell in template.column(block) {
-                    let value = samples.below(&wx, &wy);
-                    sums.add(value, cell, mask, &mut columns);
-                }
-            }
-            sums.close(columns, window, block);
+            sums.block::<MASKED>(template, block, || samples.below(&wx, &wy));
         }
         sums.finish()
     }
@@ -197,6 +157,30 @@ impl<L: Eight, const LIGHT: bool, const TILT: bool, const SQUARED: bool>
             tilt: [L::zero(); 2],
             squared: L::zero(),
         }
+    }
+
+    /// Add a block of lanes of the template, and what `below` samples of `next` for it, from the top row down.
+    #[inline(always)]
+    fn block<const MASKED: bool>(
+        &mut self,
+        template: &Template,
+        block: usize,
+        mut below: impl FnMut() -> L,
+    ) {
+        let window = template.window;
+        let mask = L::first(window.width - block * EIGHT);
+        let mut columns = [L::zero(); 2];
+        if MASKED {
+            let keep = template.joint.column(block, window);
+            for (cell, keep) in template.column(block).iter().zip(keep) {
+                self.add(below(), cell, L::unpack(keep), &mut columns);
+            }
+        } else {
+            for cell in template.column(block) {
+                self.add(below(), cell, mask, &mut columns);
+            }
+        }
+        self.close(columns, window, block);
     }
 
     /// Add eight pixels of a row, of `next` and of the template. `columns` are the sum of this column of lanes, and that

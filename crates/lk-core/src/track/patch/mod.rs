@@ -7,18 +7,25 @@
 //! [`super::normal::Normal`].
 
 mod compare;
+mod differentiate;
 mod joint;
+mod light;
+mod masked;
 mod outside;
 mod region;
 mod sampling;
+mod sums;
 mod template;
 
 use crate::simd::{EIGHT, Eight, Packed};
 
-pub(crate) use compare::{AbsoluteDifference, Compare, Sums};
-pub(crate) use joint::{Place, SumAgain};
+pub(crate) use compare::{AbsoluteDifference, Compare};
+pub(crate) use joint::Place;
+pub(crate) use light::Light;
+pub(crate) use masked::SumAgain;
 pub(crate) use region::BorderScratch;
 pub(crate) use sampling::Sampling;
+pub(crate) use sums::Sums;
 pub(crate) use template::{BuildTemplate, Template};
 
 /// The largest window, in pixels a side.

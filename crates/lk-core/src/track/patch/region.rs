@@ -1,10 +1,13 @@
 //! The pixels under a window: the plane's own, or a mirrored copy where the window reaches over the border.
 
 use super::MAX_SIDE;
-use super::sampling::SPLINE_TAPS;
 use crate::frame::Plane;
 use crate::pyramid::mirror;
 use crate::simd::EIGHT;
+
+/// Taps of the cubic B-spline, and the pixels that it reaches before a position.
+pub(super) const SPLINE_TAPS: usize = 4;
+pub(super) const SPLINE_BEFORE: isize = 1;
 
 /// A template has one more sample on each side, for its gradient.
 pub(super) const MAX_SAMPLED: usize = (MAX_SIDE + 2).next_multiple_of(EIGHT);

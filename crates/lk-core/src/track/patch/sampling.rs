@@ -1,11 +1,7 @@
 //! Grey levels between pixels: separable filters with the same weights for every pixel of a window.
 
-use super::region::{Region, Rows};
+use super::region::{Region, Rows, SPLINE_TAPS};
 use crate::simd::{EIGHT, Eight};
-
-/// Taps of the cubic B-spline, and the pixels that it reaches before a position.
-pub(super) const SPLINE_TAPS: usize = 4;
-pub(super) const SPLINE_BEFORE: isize = 1;
 
 /// How grey levels between pixels are had.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

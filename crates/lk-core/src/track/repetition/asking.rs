@@ -3,8 +3,8 @@
 use super::{BESIDE, Repetition, State};
 use crate::error::Result;
 use crate::memory::{replace, resize};
-use crate::track::POINTS;
 use crate::track::neighbours::Grid;
+use crate::track::options::POINTS;
 use crate::track::options::TrackedPoint;
 use crate::track::solve::Problem;
 

@@ -14,16 +14,13 @@ mod others;
 use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
 use crate::parallel::{RowsMut, for_each_band};
-use crate::track::POINTS;
 use crate::track::neighbours::Grid;
+use crate::track::options::POINTS;
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::solve::{Problem, Workspace};
 use evidence::Verdict;
 use lags::Half;
-use others::{MAX_OTHERS, Other, Others, alike};
-
-/// Share of a lag by which two displacements may differ that are the same.
-const SAME: f64 = 1.0 / 3.0;
+use others::{MAX_OTHERS, Other, Others, SAME, alike};
 
 /// Neighbours asked, how far away at most, in windows, and how often what they say is passed on.
 const NEIGHBOURS: usize = 12;

@@ -1,10 +1,12 @@
 //! The other displacements that explain a point's window as well as the found one.
 
-use super::SAME;
 use super::evidence::Verdict;
 use super::lags::{Half, MAX_LAGS};
 use crate::track::options::TrackedPoint;
 use crate::track::solve::{Problem, Workspace};
+
+/// Share of a lag by which two displacements may differ that are the same.
+pub(super) const SAME: f64 = 1.0 / 3.0;
 
 /// What another displacement may leave in the window, as a share of what the found one leaves, and as one of the window's
 /// own variance: the pixels between the samples differ a little from period to period.

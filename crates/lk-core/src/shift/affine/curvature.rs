@@ -1,8 +1,9 @@
 //! What a displacement that varies quadratically over the window adds at its centre, from what an affine one leaves.
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
-use super::affine::{FEATURES, ONE, Sums, X, Y, index};
-use super::matrix::{Matrix, inverse, quadratic};
+use super::clusters::{Sums, index};
+use super::view::{FEATURES, ONE, X, Y};
+use crate::shift::matrix::{Matrix, inverse, quadratic};
 
 /// One, x, y, xx, xy, yy, along each axis.
 const PLACES: usize = 6;
