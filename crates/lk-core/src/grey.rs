@@ -3,7 +3,7 @@
 use ndarray::{ArrayView1, ArrayView2, s};
 
 use crate::frame::{Frame, Pixel};
-use crate::simd::{Kernel, SimdLevel, dispatch};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 
 /// Ranges that are left alone: those of frames of 8 bits with some contrast.
 const ORDINARY: std::ops::RangeInclusive<f64> = 16.0..=512.0;
@@ -163,7 +163,7 @@ impl<T: Pixel> Kernel for Scan<'_, T> {
     type Output = Extremes<T>;
 
     #[inline(always)]
-    fn run(self) -> Extremes<T> {
+    fn run<S: Simd>(self, _: S) -> Extremes<T> {
         let first = self.first;
         let (mut low, mut high, mut nan) = ([first; GROUP], [first; GROUP], false);
         let (groups, rest) = self.row.as_chunks::<GROUP>();

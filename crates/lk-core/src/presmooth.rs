@@ -5,7 +5,7 @@ use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, read_row, scale_by};
 use crate::parallel::{even_bands, for_each_band};
 use crate::scratch::with_scratch;
-use crate::simd::{Kernel, SimdLevel, dispatch};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 
 /// Rows under way.
 const RING: usize = 3;
@@ -136,7 +136,7 @@ impl Kernel for Down<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         let width = self.to.len();
         let [above, here, below] = self.rows.map(|row| &row[..width]);
         let [side, middle] = self.taps;
@@ -156,7 +156,7 @@ impl Kernel for Across<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         let width = self.to.len();
         let (left, here, right) = (
             &self.from[..width],

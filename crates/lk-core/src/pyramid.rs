@@ -11,7 +11,7 @@ use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::parallel::{even_bands, for_each_band};
 use crate::presmooth::copy_smoothed;
 use crate::scratch::with_scratch;
-use crate::simd::{Kernel, SimdLevel, dispatch};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use crate::support::Support;
 
 /// The levels of one frame, the finest first. Memory is kept from frame to frame.
@@ -252,7 +252,7 @@ impl Kernel for SmoothDown<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         let width = self.smoothed.len();
         let [a, b, c, d, e] = self.rows.map(|row| &row[..width]);
         for x in 0..width {
@@ -271,7 +271,7 @@ impl Kernel for SmoothAcross<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         let count = self.row.len();
         let (pairs, _) = self.smoothed.as_chunks::<2>();
         let (a, b, c) = (&pairs[..count], &pairs[1..=count], &pairs[2..count + 2]);

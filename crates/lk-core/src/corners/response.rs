@@ -3,7 +3,7 @@
 use super::options::CornerOptions;
 use crate::frame::Plane;
 use crate::pyramid::mirror;
-use crate::simd::{EIGHT, Eight, EightKernel, Kernel, SimdLevel, dispatch, dispatch_eight};
+use crate::simd::{EIGHT, Eight, Kernel, Simd, SimdLevel, dispatch};
 use crate::support::{ABSENT, Support};
 
 /// The rows of one band: products of gradients of the last few rows, and their sums.
@@ -86,7 +86,7 @@ impl<'a> TensorRows<'a> {
         );
         // Sobel's filters weigh 8 pixels a side; the mean over the block, per pixel squared.
         let scale = 1.0 / (8.0 * 8.0 * (self.block * self.block) as f32);
-        dispatch_eight(
+        dispatch(
             self.level,
             Respond {
                 sums: self.sums,
@@ -169,7 +169,7 @@ impl Kernel for FilterDown<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         let width = self.smooth.len();
         let [a, b, c] = self.rows.map(|row| &row[..width]);
         let slope = &mut self.slope[..width];
@@ -193,7 +193,7 @@ impl Kernel for Products<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         let width = self.smooth.len() - 2;
         let (xx, rest) = self.target.split_at_mut(self.padded);
         let (xy, yy) = rest.split_at_mut(self.padded);
@@ -229,7 +229,7 @@ impl Kernel for SumDown<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         let length = self.sums.len();
         if self.count == 3 {
             let (a, rest) = self.rows.split_at(length);
@@ -258,31 +258,31 @@ struct Respond<'a> {
     row: &'a mut [f32],
 }
 
-impl EightKernel for Respond<'_> {
+impl Kernel for Respond<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Eight>(self) {
+    fn run<S: Simd>(self, _: S) {
         let padded = self.sums.len() / 3;
         let (xx, rest) = self.sums.split_at(padded);
         let (xy, yy) = rest.split_at(padded);
         let width = self.row.len();
         let mut x = 0;
         while x < width {
-            let mut tensor = [L::zero(); 3];
+            let mut tensor = [S::Eight::zero(); 3];
             for step in 0..self.block {
-                tensor[0] += L::load(xx, x + step);
-                tensor[1] += L::load(xy, x + step);
-                tensor[2] += L::load(yy, x + step);
+                tensor[0] += S::Eight::load(xx, x + step);
+                tensor[1] += S::Eight::load(xy, x + step);
+                tensor[2] += S::Eight::load(yy, x + step);
             }
-            let scale = L::splat(self.scale);
+            let scale = S::Eight::splat(self.scale);
             let [xx, xy, yy] = tensor;
             let (xx, xy, yy) = (xx * scale, xy * scale, yy * scale);
             let response = if let Some(k) = self.harris {
                 let trace = xx + yy;
-                xx * yy - xy * xy - L::splat(k) * trace * trace
+                xx * yy - xy * xy - S::Eight::splat(k) * trace * trace
             } else {
-                let half = L::splat(0.5);
+                let half = S::Eight::splat(0.5);
                 let difference = (xx - yy) * half;
                 (xx + yy) * half - (difference * difference + xy * xy).sqrt()
             };

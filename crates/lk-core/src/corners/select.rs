@@ -6,7 +6,7 @@ use super::options::{Corner, CornerOptions};
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::{reserve, reserve_more, resize};
-use crate::simd::{EIGHT, Eight, EightKernel, Kernel, SimdLevel, dispatch, dispatch_eight};
+use crate::simd::{EIGHT, Eight, Kernel, Simd, SimdLevel, dispatch};
 
 /// Memory of the selection.
 #[derive(Debug, Default)]
@@ -69,7 +69,7 @@ impl Selection {
             // All pixels of an even row are maxima.
             reserve_more("corners", &mut self.candidates, width)?;
             let rows = [y - 1, y, y + 1].map(|row| response.row(row));
-            dispatch_eight(
+            dispatch(
                 level,
                 Maxima {
                     rows,
@@ -195,7 +195,7 @@ impl Kernel for Largest<'_> {
     type Output = f32;
 
     #[inline(always)]
-    fn run(self) -> f32 {
+    fn run<S: Simd>(self, _: S) -> f32 {
         let mut lanes = [f32::MIN; 4 * EIGHT];
         let chunks = self.0.chunks_exact(4 * EIGHT);
         let rest = chunks.remainder().iter().copied().fold(f32::MIN, f32::max);
@@ -218,15 +218,15 @@ struct Maxima<'a> {
     found: &'a mut Vec<Candidate>,
 }
 
-impl EightKernel for Maxima<'_> {
+impl Kernel for Maxima<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Eight>(mut self) {
+    fn run<S: Simd>(mut self, _: S) {
         let [above, here, below] = self.rows;
         let width = here.len();
         let (above, below) = (&above[..width], &below[..width]);
-        let threshold = L::splat(self.threshold);
+        let threshold = S::Eight::splat(self.threshold);
         let mut x = 1;
         while x < width - 1 {
             // Most blocks hold no maximum, and whole lanes tell so at once.
@@ -234,12 +234,12 @@ impl EightKernel for Maxima<'_> {
             let count = if whole { EIGHT } else { width - 1 - x };
             let mut bits = u8::MAX >> (EIGHT - count);
             if whole {
-                let value = L::load(here, x);
+                let value = S::Eight::load(here, x);
                 bits = value.at_least(threshold)
-                    & value.at_least(L::load(above, x))
-                    & value.at_least(L::load(below, x))
-                    & value.at_least(L::load(here, x - 1))
-                    & value.at_least(L::load(here, x + 1));
+                    & value.at_least(S::Eight::load(above, x))
+                    & value.at_least(S::Eight::load(below, x))
+                    & value.at_least(S::Eight::load(here, x - 1))
+                    & value.at_least(S::Eight::load(here, x + 1));
             }
             while bits != 0 {
                 self.add_if_maximum(above, here, below, x + bits.trailing_zeros() as usize);

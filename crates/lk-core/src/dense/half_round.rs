@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::for_each_band;
 use crate::scratch::with_scratch;
-use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, dispatch_lanes};
+use crate::simd::{Floats, Kernel, LANES, Simd, blocks, dispatch};
 
 use super::confidence::{Judge, Judged};
 use super::moments::{Reader, Sums};
@@ -94,7 +94,7 @@ pub(super) fn half_round(
                                     })
                                 },
                             );
-                            by_radius!(recipe.radius, SIZE => dispatch_lanes(level, Prepare::<SIZE> {
+                            by_radius!(recipe.radius, SIZE => dispatch(level, Prepare::<SIZE> {
                                 sums,
                                 flow,
                                 scale: views.halved.unwrap_or(1.0),
@@ -139,7 +139,9 @@ struct Prepare<'a, const N: usize> {
     judged: Option<[&'a mut [f32]; 3]>,
 }
 
-impl<const N: usize> LaneKernel for Prepare<'_, N> {
+impl<const N: usize> Kernel for Prepare<'_, N> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         // Each pair of groups of the grid takes the even pixels of two pairs of groups of the level, if both are there.

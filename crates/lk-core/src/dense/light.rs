@@ -11,7 +11,7 @@ use crate::frame::Plane;
 use crate::memory::resize;
 use crate::parallel::{even_bands, for_each_band};
 use crate::scratch::with_scratch;
-use crate::simd::{Kernel, SimdLevel, dispatch, dispatch_lanes};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 
 use super::padded_plane::{self, PAD};
 use super::warp::WarpRow;
@@ -170,7 +170,7 @@ impl Light {
         )?;
         self.integrate(input.prev, input.weight, |y, inside, difference| {
             let (u, v) = (input.u.padded(y), input.v.padded(y));
-            dispatch_lanes(
+            dispatch(
                 level,
                 WarpRow {
                     from: 0,
@@ -342,7 +342,7 @@ impl Kernel for Relight<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         let [[prev_low, prev_high], [low, high]] = self.limits;
         let ([gain, more_gain], [offset, more_offset]) = (self.gain, self.offset);
         for (k, (pixel, weight)) in self.pixels.iter_mut().zip(self.weights).enumerate() {

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::{even_bands, for_each_band};
-use crate::simd::{Floats, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, Kernel, Simd, blocks, blocks_mut, dispatch};
 
 use super::padded_plane::{self, PAD, PaddedPlane};
 
@@ -37,7 +37,7 @@ pub(super) fn median(
                         rows: near.map(|y| from.padded(y)),
                         to: &mut *to,
                     };
-                    dispatch_lanes(level, kernel);
+                    dispatch(level, kernel);
                     padded_plane::extend(to, width);
                 }
             }
@@ -61,7 +61,9 @@ macro_rules! exchange {
     )+};
 }
 
-impl LaneKernel for MedianRow<'_> {
+impl Kernel for MedianRow<'_> {
+    type Output = ();
+
     /// N. Devillard, "Fast median search", 1998.
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {

@@ -1,7 +1,7 @@
 //! From sums down the columns to the moments of whole windows.
 #![allow(clippy::needless_range_loop, reason = "several arrays run along")]
 
-use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut};
+use crate::simd::{Floats, Kernel, LANES, Simd, blocks, blocks_mut};
 
 use super::padded_plane::PAD;
 use super::sum_down::{SUMS, Split};
@@ -87,7 +87,9 @@ pub(super) struct Count<'a, const N: usize> {
     pub(super) number: [&'a mut [f32]; 2],
 }
 
-impl<const N: usize> LaneKernel for Count<'_, N> {
+impl<const N: usize> Kernel for Count<'_, N> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let count = self.sums.count;

@@ -5,7 +5,7 @@
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::{even_bands, for_each_band};
-use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, Kernel, LANES, Simd, blocks, blocks_mut, dispatch};
 
 use super::padded_plane::{self, PAD, PaddedPlane};
 use super::trend::Slopes;
@@ -49,7 +49,7 @@ pub(super) fn propagate(
                     better,
                     to: [&mut *to_u, &mut *to_v],
                 };
-                dispatch_lanes(level, kernel);
+                dispatch(level, kernel);
                 padded_plane::extend(to_u, width);
                 padded_plane::extend(to_v, width);
             }
@@ -103,7 +103,9 @@ impl PropagateRow<'_> {
     }
 }
 
-impl LaneKernel for PropagateRow<'_> {
+impl Kernel for PropagateRow<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let count = self.count;

@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::{EvenRows, for_each_band};
 use crate::scratch::with_scratch;
-use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, Kernel, LANES, Simd, blocks, blocks_mut, dispatch};
 
 use super::padded_plane::{self, PAD, PaddedPlane};
 use super::relax::Rows;
@@ -135,7 +135,7 @@ pub(super) fn round(
                                     [fit, bearable, misfit]
                                         .map(|grid| &mut grid.row_mut(lead)[columns.start / 2..])
                                 });
-                            by_radius!(recipe.radius, SIZE => dispatch_lanes(level, Prepare::<SIZE> {
+                            by_radius!(recipe.radius, SIZE => dispatch(level, Prepare::<SIZE> {
                                 sums,
                                 flow,
                                 options,
@@ -176,7 +176,9 @@ struct Prepare<'a, const N: usize> {
     judged: Option<[&'a mut [f32]; 3]>,
 }
 
-impl<const N: usize> LaneKernel for Prepare<'_, N> {
+impl<const N: usize> Kernel for Prepare<'_, N> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let count = self.sums.split.count;

@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use crate::simd::{Floats, LaneKernel, Simd, SimdLevel, blocks, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, Kernel, Simd, SimdLevel, blocks, blocks_mut, dispatch};
 
 use super::padded_plane::PAD;
 use super::sum_down::Split;
@@ -120,7 +120,7 @@ impl<'a> Rows<'a> {
             sides: [y == 0, y + 1 == self.height].map(|outside| if outside { -1.0 } else { 1.0 }),
             here,
         };
-        dispatch_lanes(self.level, kernel);
+        dispatch(self.level, kernel);
     }
 
     /// Relax every second pixel of row `y`, as the `half`-th half-sweep does.
@@ -140,7 +140,7 @@ impl<'a> Rows<'a> {
             relaxation: self.relaxation,
             flow: &mut *here,
         };
-        dispatch_lanes(self.level, kernel);
+        dispatch(self.level, kernel);
         for (axis, slopes) in here.chunks_exact_mut(row).zip(self.slopes) {
             mirror(
                 &mut axis[first * self.split.half..][..self.split.half],
@@ -188,7 +188,7 @@ impl<'a> Rows<'a> {
                 from,
                 to,
             };
-            dispatch_lanes(self.level, kernel);
+            dispatch(self.level, kernel);
         }
     }
 }
@@ -237,7 +237,9 @@ struct Join<'a> {
     here: &'a mut [f32],
 }
 
-impl LaneKernel for Join<'_> {
+impl Kernel for Join<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Split { half, count } = self.split;
@@ -331,7 +333,9 @@ struct HalfSweep<'a> {
     flow: &'a mut [f32],
 }
 
-impl LaneKernel for HalfSweep<'_> {
+impl Kernel for HalfSweep<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Split { half, count } = self.split;
@@ -397,7 +401,9 @@ struct Interleave<'a> {
     to: &'a mut [f32],
 }
 
-impl LaneKernel for Interleave<'_> {
+impl Kernel for Interleave<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let (first, count) = (PAD + self.columns.skipped(), self.columns.groups());

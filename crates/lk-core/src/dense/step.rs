@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::for_each_band;
 use crate::scratch::with_scratch;
-use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, Kernel, LANES, Simd, blocks, blocks_mut, dispatch};
 
 use super::padded_plane::{self, PAD, PaddedPlane};
 use super::tiles::Columns;
@@ -65,7 +65,7 @@ pub(super) fn step(
                         let mut to = [u.row_mut(local), v.row_mut(local), energy.row_mut(local)]
                             .map(|row| &mut row[columns.start..]);
                         let from = [views.u, views.v].map(|grid| &grid.padded(y)[columns.start..]);
-                        by_radius!(options.radius, SIZE => dispatch_lanes(
+                        by_radius!(options.radius, SIZE => dispatch(
                             level,
                             Solve::<SIZE>::new(sums, options, from, &mut to)
                         ));
@@ -145,7 +145,7 @@ pub(super) fn sparse_step(
                         });
                         by_radius!(options.radius, SIZE => {
                             let solve = Solve::<SIZE>::new(sums, options, from, &mut to);
-                            dispatch_lanes(level, Sparse { solve, halved, judged });
+                            dispatch(level, Sparse { solve, halved, judged });
                         });
                     }
                 }
@@ -230,7 +230,9 @@ struct Sparse<'a, const N: usize> {
     judged: Option<[&'a mut [f32]; 3]>,
 }
 
-impl<const N: usize> LaneKernel for Sparse<'_, N> {
+impl<const N: usize> Kernel for Sparse<'_, N> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Solve {
@@ -273,7 +275,9 @@ impl<const N: usize> LaneKernel for Sparse<'_, N> {
     }
 }
 
-impl<const N: usize> LaneKernel for Solve<'_, N> {
+impl<const N: usize> Kernel for Solve<'_, N> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let count = self.sums.count;

@@ -3,7 +3,7 @@
 //! Rows are split: even pixels first, then odd ones, so that two neighbours share all but one column of their windows.
 #![allow(clippy::needless_range_loop, reason = "several arrays run along")]
 
-use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut};
+use crate::simd::{Floats, Kernel, LANES, Simd, blocks, blocks_mut};
 
 use super::padded_plane::PAD;
 
@@ -54,7 +54,9 @@ fn pairs(row: &[f32], offset: usize, count: usize) -> &[[[f32; LANES]; 2]] {
     &blocks(row, PAD + offset - 1, 2 * count).as_chunks::<2>().0[..count]
 }
 
-impl LaneKernel for Differences<'_> {
+impl Kernel for Differences<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let count = self.kept.len();
@@ -114,7 +116,9 @@ pub(super) struct SumDown<'a, const N: usize, const BOTH: bool> {
     pub(super) sums: [&'a mut [f32]; 2],
 }
 
-impl<const N: usize, const BOTH: bool> LaneKernel for SumDown<'_, N, BOTH> {
+impl<const N: usize, const BOTH: bool> Kernel for SumDown<'_, N, BOTH> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(mut self, s: S) {
         self.even_or_odd::<S, 0>(s);

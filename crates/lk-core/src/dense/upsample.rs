@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::parallel::{even_bands, for_each_band};
-use crate::simd::{Floats, LANES, LaneKernel, Simd, SimdLevel, blocks, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, Kernel, LANES, Simd, SimdLevel, blocks, blocks_mut, dispatch};
 
 use super::padded_plane::{self, PAD, PaddedPlane};
 
@@ -49,7 +49,7 @@ pub(super) fn row(
         scale,
         to: &mut *to,
     };
-    dispatch_lanes(level, kernel);
+    dispatch(level, kernel);
     padded_plane::extend(to, columns.len());
 }
 
@@ -61,7 +61,9 @@ struct DoubleRow<'a> {
     to: &'a mut [f32],
 }
 
-impl LaneKernel for DoubleRow<'_> {
+impl Kernel for DoubleRow<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let count = self.count;

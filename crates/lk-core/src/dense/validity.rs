@@ -5,9 +5,7 @@ use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::parallel::{RowsMut, even_bands, for_each_band};
 use crate::scratch::with_scratch;
-use crate::simd::{
-    Floats, Kernel, LANES, LaneKernel, Simd, blocks, blocks_mut, dispatch, dispatch_lanes,
-};
+use crate::simd::{Floats, Kernel, LANES, Simd, blocks, blocks_mut, dispatch};
 
 use super::confidence::Judged;
 use super::field::FlowField;
@@ -88,7 +86,7 @@ pub(super) fn mark(
                             fit: &mut *fit,
                             misfit: &mut *misfit,
                         };
-                        dispatch_lanes(level, kernel);
+                        dispatch(level, kernel);
                     }
                     let flow = views.flow(level, y, 0..width, row_of_flow);
                     let kernel = Inside {
@@ -98,7 +96,7 @@ pub(super) fn mark(
                         fit,
                         flags: &mut *row_of_flags,
                     };
-                    dispatch_lanes(level, kernel);
+                    dispatch(level, kernel);
                     let (uv, _) = uv.row_mut(local).as_chunks_mut::<2>();
                     let (valid, residual) = (valid.row_mut(local), residual.row_mut(local));
                     residual.copy_from_slice(&misfit[PAD..PAD + width]);
@@ -162,7 +160,9 @@ struct Spread<'a> {
     misfit: &'a mut [f32],
 }
 
-impl LaneKernel for Spread<'_> {
+impl Kernel for Spread<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let count = self.width.div_ceil(2 * LANES);
@@ -277,7 +277,9 @@ struct Inside<'a> {
     flags: &'a mut [f32],
 }
 
-impl LaneKernel for Inside<'_> {
+impl Kernel for Inside<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let count = padded_plane::groups(self.size[0] as usize + 1);
@@ -315,7 +317,7 @@ impl Kernel for Write<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         let [u, v] = self.flow;
         for ((uv, u), v) in self.uv.iter_mut().zip(u).zip(v) {
             *uv = [*u, *v];

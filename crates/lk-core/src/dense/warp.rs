@@ -1,7 +1,7 @@
 //! Sampling `next` where the flow says that each pixel of a row went.
 
 use crate::frame::Plane;
-use crate::simd::{Floats, LANES, LaneKernel, Simd, blocks, blocks_mut};
+use crate::simd::{Floats, Kernel, LANES, Simd, blocks, blocks_mut};
 
 use super::padded_plane::PAD;
 
@@ -28,7 +28,9 @@ pub(super) struct WarpRow<'a> {
     pub(super) full: &'a mut bool,
 }
 
-impl LaneKernel for WarpRow<'_> {
+impl Kernel for WarpRow<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let (width, height) = (self.next.width(), self.next.height());

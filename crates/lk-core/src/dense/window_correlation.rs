@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::resize;
-use crate::simd::{Floats, LANES, LaneKernel, Simd, SimdLevel, blocks_mut, dispatch_lanes};
+use crate::simd::{Floats, Kernel, LANES, Simd, SimdLevel, blocks_mut, dispatch};
 
 use super::padded_plane::{self, PAD, PaddedPlane};
 
@@ -100,7 +100,7 @@ impl Side {
                 count: columns.len().div_ceil(LANES),
                 to: &mut scores.padded_mut(y)[columns.start..],
             };
-            dispatch_lanes(simd, kernel);
+            dispatch(simd, kernel);
         }
     }
 
@@ -241,7 +241,9 @@ struct Correlate<'a> {
     to: &'a mut [f32],
 }
 
-impl LaneKernel for Correlate<'_> {
+impl Kernel for Correlate<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let to = blocks_mut(self.to, PAD, self.count);

@@ -11,7 +11,7 @@ use std::ops::Range;
 use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::parallel::even_bands;
-use crate::simd::{LANES, SimdLevel, dispatch_lanes};
+use crate::simd::{LANES, SimdLevel, dispatch};
 
 use super::moments::{Count, Sums};
 use super::padded_plane::{self, PAD, PaddedPlane};
@@ -243,7 +243,7 @@ impl<'a> Windows<'a> {
             inside: &mut *inside,
             full: &mut *full,
         };
-        dispatch_lanes(self.level, kernel);
+        dispatch(self.level, kernel);
         padded_plane::extend(sum, width);
         inside[PAD + width..].fill(0.0);
         if let Some(weight) = self.views.weight {
@@ -277,7 +277,7 @@ impl<'a> Windows<'a> {
         let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
         let [sum, difference, weight] = &self.near;
         let near = |y: usize| (y % NEAR) * stride..(y % NEAR + 1) * stride;
-        dispatch_lanes(
+        dispatch(
             self.level,
             Differences {
                 sum: rows.map(|y| &sum[near(y)]),
@@ -302,7 +302,7 @@ impl<'a> Windows<'a> {
             .chain(&below)
             .all(|slot| self.counts[*slot] != Counts::Some);
         let (first, second) = self.sums.split_at_mut(SUMS * 3 * self.split.half);
-        dispatch_lanes(
+        dispatch(
             self.level,
             SumDown::<N, BOTH> {
                 split: self.split,
@@ -342,7 +342,7 @@ impl<'a> Windows<'a> {
                 },
                 number: [&mut *even, &mut *odd],
             };
-            dispatch_lanes(self.level, kernel);
+            dispatch(self.level, kernel);
         } else {
             let rows = of(Counts::All);
             if self.numbered == Some(rows) {

@@ -7,7 +7,7 @@ use super::coordinates::Pair;
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::{reserve, resize};
-use crate::simd::{EIGHT, Eight, EightKernel, SimdLevel, dispatch_eight};
+use crate::simd::{EIGHT, Eight, Kernel, Simd, SimdLevel, dispatch};
 
 /// The least share of the window that both frames must show.
 const MIN_SHARE: f64 = 0.08;
@@ -67,7 +67,7 @@ impl Correlator {
             reserve("a row", &mut self.across, padded(size[0]))?;
             self.across.extend(across);
             self.across.resize(padded(size[0]), 1.0);
-            dispatch_eight(
+            dispatch(
                 level,
                 Normalise {
                     plane: &self.raw[index],
@@ -100,7 +100,7 @@ impl Correlator {
         let starts = [[columns.start, rows.start], [next_column, next_row]];
         let size = [columns.len(), rows.len()];
         let (count, [raw, normalized]) = if self.weighted {
-            dispatch_eight(
+            dispatch(
                 level,
                 Correlate::<true> {
                     of: self,
@@ -109,7 +109,7 @@ impl Correlator {
                 },
             )
         } else {
-            dispatch_eight(
+            dispatch(
                 level,
                 Correlate::<false> {
                     of: self,
@@ -160,20 +160,20 @@ struct Normalise<'a> {
     to: &'a mut Plane,
 }
 
-impl EightKernel for Normalise<'_> {
+impl Kernel for Normalise<'_> {
     type Output = Result<()>;
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> Result<()> {
+    fn run<S: Simd>(self, _: S) -> Result<()> {
         let (stride, height) = (self.plane.width(), self.plane.height());
         let lanes = self.width.next_multiple_of(EIGHT);
         let mut total = 0.0f64;
         for y in 0..height {
-            let mut sum = L::zero();
+            let mut sum = S::Eight::zero();
             let row = self.plane.row(y);
             let mut x = 0;
             while x < lanes {
-                let value = L::load(row, x);
+                let value = S::Eight::load(row, x);
                 sum += value * value;
                 x += EIGHT;
             }
@@ -193,10 +193,10 @@ impl EightKernel for Normalise<'_> {
             let near = &self.plane.data()[rows.start * stride..rows.end * stride];
             let mut x = 0;
             while x < lanes {
-                let (mut sum, mut square) = (L::zero(), L::zero());
+                let (mut sum, mut square) = (S::Eight::zero(), S::Eight::zero());
                 let mut at = x;
                 while at < near.len() {
-                    let value = L::load(near, at);
+                    let value = S::Eight::load(near, at);
                     sum += value;
                     square += value * value;
                     at += stride;
@@ -205,15 +205,15 @@ impl EightKernel for Normalise<'_> {
                 square.store(squares, x + RADIUS);
                 x += EIGHT;
             }
-            let down = L::splat(1.0 / rows.len() as f32);
+            let down = S::Eight::splat(1.0 / rows.len() as f32);
             let from = self.plane.row(y);
             let to = self.to.row_mut(y);
             let mut x = 0;
             while x < lanes {
-                let one = down * L::load(self.across, x);
-                let mean = around::<L>(plain, x) * one;
-                let variance = around::<L>(squares, x) * one - mean * mean;
-                (L::load(from, x) - mean).store(to, x);
+                let one = down * S::Eight::load(self.across, x);
+                let mean = around::<S::Eight>(plain, x) * one;
+                let variance = around::<S::Eight>(squares, x) * one - mean * mean;
+                (S::Eight::load(from, x) - mean).store(to, x);
                 variance.store(&mut self.variance[..], x);
                 x += EIGHT;
             }
@@ -244,12 +244,12 @@ struct Correlate<'a, const WEIGHTED: bool> {
     size: [usize; 2],
 }
 
-impl<const WEIGHTED: bool> EightKernel for Correlate<'_, WEIGHTED> {
+impl<const WEIGHTED: bool> Kernel for Correlate<'_, WEIGHTED> {
     /// The pixels, and the sums of p, n, pp, pn and nn as they are and locally normalised.
     type Output = (f64, [[f64; 5]; 2]);
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> Self::Output {
+    fn run<S: Simd>(self, _: S) -> Self::Output {
         let [width, height] = self.size;
         let [prev, next] = self.starts;
         let mut totals = [[0.0f64; 5]; 2];
@@ -257,8 +257,8 @@ impl<const WEIGHTED: bool> EightKernel for Correlate<'_, WEIGHTED> {
         let mut y = 0;
         while y < height {
             let end = (y + ROWS).min(height);
-            let mut weights = L::zero();
-            let mut sums = [[L::zero(); 5]; 2];
+            let mut weights = S::Eight::zero();
+            let mut sums = [[S::Eight::zero(); 5]; 2];
             while y < end {
                 let row = |planes: &'_ [Plane; 2], index: usize, start: [usize; 2]| {
                     let plane = &planes[index];
@@ -267,17 +267,18 @@ impl<const WEIGHTED: bool> EightKernel for Correlate<'_, WEIGHTED> {
                 let at = [row(&self.of.raw, 0, prev), row(&self.of.raw, 1, next)];
                 let mut x = 0;
                 while x < width {
-                    let lanes = L::first(width - x);
+                    let lanes = S::Eight::first(width - x);
                     let mut weight = lanes;
                     if WEIGHTED {
                         let [a, b] = &self.of.weight;
-                        weight = (L::load(a.data(), at[0] + x) * L::load(b.data(), at[1] + x))
-                            .keep(lanes);
+                        weight = (S::Eight::load(a.data(), at[0] + x)
+                            * S::Eight::load(b.data(), at[1] + x))
+                        .keep(lanes);
                         weights += weight;
                     }
                     for (sums, planes) in sums.iter_mut().zip([&self.of.raw, &self.of.normalized]) {
-                        let p = L::load(planes[0].data(), at[0] + x);
-                        let n = L::load(planes[1].data(), at[1] + x);
+                        let p = S::Eight::load(planes[0].data(), at[0] + x);
+                        let n = S::Eight::load(planes[1].data(), at[1] + x);
                         let (wp, wn) = if WEIGHTED {
                             (p * weight, n * weight)
                         } else {

@@ -18,7 +18,7 @@ use crate::execution::Execution;
 use crate::frame::Plane;
 use crate::memory::resize;
 use crate::parallel::{RowsMut, for_each_band};
-use crate::simd::{EIGHT, dispatch_eight};
+use crate::simd::{EIGHT, dispatch};
 
 thread_local! {
     static STRIPE: RefCell<Stripe> = RefCell::default();
@@ -118,7 +118,7 @@ fn sum_tiles(
         |band, mut part| {
             STRIPE.with_borrow_mut(|buffers| {
                 for (local, stripe) in band.enumerate() {
-                    dispatch_eight(
+                    dispatch(
                         level,
                         EvaluateStripe {
                             view,

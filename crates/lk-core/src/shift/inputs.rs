@@ -12,7 +12,7 @@ use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, pixels_of, read_row};
 use crate::parallel::for_each_band;
 use crate::pyramid::Pyramid;
-use crate::simd::{Kernel, dispatch};
+use crate::simd::{Kernel, Simd, dispatch};
 use crate::support::Masks;
 
 /// Pixels on each side that a filter reads: the taps at every level, and the pyramid from level to level.
@@ -238,7 +238,7 @@ impl<T: Pixel> Kernel for ReadRow<'_, T> {
     type Output = bool;
 
     #[inline(always)]
-    fn run(self) -> bool {
+    fn run<S: Simd>(self, _: S) -> bool {
         read_row(self.frame, self.y, self.row);
         let mut finite = true;
         for value in self.row {

@@ -7,7 +7,7 @@ use super::view::View;
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::resize;
-use crate::simd::{EIGHT, Eight, EightKernel, Packed};
+use crate::simd::{EIGHT, Eight, Kernel, Packed, Simd};
 
 /// A stripe of tiles, sampled: rows of the mean of both frames, with [`RADIUS`] more above, below and on each side, and
 /// of their difference.
@@ -30,11 +30,11 @@ pub(super) struct EvaluateStripe<'a> {
     pub(super) tiles: &'a mut [Tile],
 }
 
-impl EightKernel for EvaluateStripe<'_> {
+impl Kernel for EvaluateStripe<'_> {
     type Output = Result<()>;
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> Result<()> {
+    fn run<S: Simd>(self, _: S) -> Result<()> {
         let [width, height] = self.view.size;
         let padded = width.next_multiple_of(EIGHT);
         let rows = self.tiling.rows(self.stripe);
@@ -63,9 +63,9 @@ impl EightKernel for EvaluateStripe<'_> {
         let at = |y: usize| y + RADIUS - rows.start;
         for y in first..last {
             let (mean, difference) = (mean.row_mut(at(y)), difference.row_mut(at(y)));
-            sample::<L>(self.view, y, temporary, mean, difference);
+            sample::<S::Eight>(self.view, y, temporary, mean, difference);
             if !self.view.gain.is_none() {
-                relight::<L>(self.view, y, mean, difference);
+                relight::<S::Eight>(self.view, y, mean, difference);
             }
         }
         // Outside of the region its border counts.
@@ -82,7 +82,7 @@ impl EightKernel for EvaluateStripe<'_> {
             tiling: self.tiling,
             stripe: self.stripe,
         }
-        .run::<L>(self.tiles);
+        .run::<S::Eight>(self.tiles);
         Ok(())
     }
 }

@@ -4,7 +4,7 @@ use ndarray::ArrayView2;
 
 use crate::frame::{Frame, Pixel};
 use crate::grey::GreyRange;
-use crate::simd::{Kernel, SimdLevel, dispatch};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 
 /// Of so many pixels, and of this share of the frame, an end of the range must be made up for it to be a limit.
 const LEAST_PILE: usize = 16;
@@ -114,7 +114,7 @@ impl<T: Pixel> Kernel for CountSteps<'_, T> {
     type Output = (u32, u32);
 
     #[inline(always)]
-    fn run(self) -> (u32, u32) {
+    fn run<S: Simd>(self, _: S) -> (u32, u32) {
         let Self { row, end, soft } = self;
         let (mut steps, mut gentle) = (0, 0);
         for (last, value) in row.iter().zip(row.get(1..).unwrap_or_default()) {
@@ -136,7 +136,7 @@ impl<T: Pixel> Kernel for Count<'_, T> {
     type Output = u32;
 
     #[inline(always)]
-    fn run(self) -> u32 {
+    fn run<S: Simd>(self, _: S) -> u32 {
         let mut count = 0;
         for value in self.row {
             count += u32::from(value.to_f32() == self.end);

@@ -9,7 +9,7 @@ use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::memory::resize;
 use crate::parallel::{RowsMut, for_each_band};
 use crate::pyramid::Pyramid;
-use crate::simd::{SimdLevel, dispatch_eight};
+use crate::simd::{SimdLevel, dispatch};
 use crate::track::options::POINTS;
 use crate::track::patch::Light;
 use crate::track::patch::{
@@ -240,7 +240,7 @@ impl Search<'_> {
         if !self.reaches(level, centre) {
             return false;
         }
-        dispatch_eight(
+        dispatch(
             self.level,
             BuildTemplate {
                 template: &mut self.template,
@@ -302,7 +302,7 @@ impl Search<'_> {
                 squared: false,
                 scratch: &mut self.scratch,
             };
-            *error = (dispatch_eight(self.level, AbsoluteDifference(compare)) / area) as f32;
+            *error = (dispatch(self.level, AbsoluteDifference(compare)) / area) as f32;
         }
         reached
     }
@@ -323,7 +323,7 @@ impl Search<'_> {
     fn compare(&mut self, level: usize, at: [f64; 2]) -> Option<crate::track::patch::Sums> {
         let centre = at.map(|coordinate| coordinate as f32);
         self.reaches(level, centre).then(|| {
-            dispatch_eight(
+            dispatch(
                 self.level,
                 Compare {
                     template: &self.template,

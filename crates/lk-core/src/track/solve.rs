@@ -3,7 +3,7 @@
 use std::cell::Cell;
 
 use crate::frame::Plane;
-use crate::simd::{SimdLevel, dispatch_eight};
+use crate::simd::{SimdLevel, dispatch};
 use crate::support::Support;
 use crate::track::normal::{Normal, Step};
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
@@ -434,7 +434,7 @@ impl Problem<'_> {
         light: Light,
         workspace: &mut Workspace,
     ) -> [f32; 2] {
-        let centre = dispatch_eight(
+        let centre = dispatch(
             self.level,
             BuildTemplate {
                 template: &mut workspace.template,
@@ -479,7 +479,7 @@ impl Problem<'_> {
         match template.meets(&way.to_support[level], at) {
             Place::Same => {}
             Place::Other => {
-                dispatch_eight(self.level, SumAgain(template));
+                dispatch(self.level, SumAgain(template));
                 *normal = Normal::new(template, normal.model()).ok_or(PointStatus::LowTexture)?;
             }
             Place::Bare if !inside(to, at) => return Err(PointStatus::OutOfFrame),
@@ -493,7 +493,7 @@ impl Problem<'_> {
                 });
             }
         }
-        Ok(dispatch_eight(
+        Ok(dispatch(
             self.level,
             Compare {
                 template: &workspace.template,

@@ -7,7 +7,7 @@
 use std::cell::Cell;
 
 use crate::frame::Plane;
-use crate::simd::{SimdLevel, dispatch_eight};
+use crate::simd::{SimdLevel, dispatch};
 use crate::support::Support;
 use crate::track::affine::factor::{Factor, Step, UNKNOWNS};
 use crate::track::affine::meeting::{Counting, Meeting};
@@ -170,7 +170,7 @@ impl Aligner {
             to: &mut self.samples,
             stride: stride(positions.columns),
         };
-        dispatch_eight(input.level, kernel)
+        dispatch(input.level, kernel)
     }
 
     /// The normal equations of the pixels that count.
@@ -188,7 +188,7 @@ impl Aligner {
             keep: self.counting.keep(met),
             lit: input.light.has_offset(),
         };
-        let square = dispatch_eight(input.level, kernel);
+        let square = dispatch(input.level, kernel);
         let normal = Factor::new(&square, input.light)?;
         Some(Equations {
             square,
@@ -204,12 +204,12 @@ impl Aligner {
             samples: &self.samples,
             keep: self.counting.keep(met),
         };
-        dispatch_eight(level, kernel)
+        dispatch(level, kernel)
     }
 
     /// How the derivatives of the template that was built last go together.
     pub(in crate::track) fn gradients(&self, level: SimdLevel) -> Gradients {
-        dispatch_eight(level, Correlation(&self.template))
+        dispatch(level, Correlation(&self.template))
     }
 
     /// Fill the template.
@@ -227,7 +227,7 @@ impl Aligner {
             window,
             template: &mut self.template,
         };
-        dispatch_eight(input.level, kernel);
+        dispatch(input.level, kernel);
         true
     }
 }

@@ -1,6 +1,6 @@
 //! Which pixels of a window count, at both of its ends.
 
-use crate::simd::{Kernel, SimdLevel, dispatch};
+use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use crate::support::{CLIPPED, COUNTS, Support};
 use crate::track::affine::template::{Samples, stride};
 use crate::track::affine::warp::Positions;
@@ -161,7 +161,7 @@ impl Kernel for Within<'_> {
     type Output = (usize, bool);
 
     #[inline(always)]
-    fn run(self) -> (usize, bool) {
+    fn run<S: Simd>(self, _: S) -> (usize, bool) {
         let [[left, right], [top, bottom]] = self.inner;
         let Positions {
             first,

@@ -5,7 +5,7 @@
 
 use crate::frame::Plane;
 use crate::pyramid::mirror;
-use crate::simd::{EIGHT, Eight, EightKernel, Packed};
+use crate::simd::{EIGHT, Eight, Kernel, Packed, Simd};
 use crate::track::affine::warp::Positions;
 
 /// The most columns and rows of taps: a window may turn by 60 degrees, or be twice as large.
@@ -62,12 +62,12 @@ struct Source<'a> {
     origin: [isize; 2],
 }
 
-impl EightKernel for SampleWarped<'_> {
+impl Kernel for SampleWarped<'_> {
     /// Whether the positions are near enough to each other and to the plane.
     type Output = bool;
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> bool {
+    fn run<S: Simd>(self, _: S) -> bool {
         let Self {
             plane,
             positions,
@@ -81,16 +81,20 @@ impl EightKernel for SampleWarped<'_> {
         };
         // One count of taps for the whole window: what a branch in its midst costs is more than taps without weight.
         match (filter, positions.apart()) {
-            (Filter::Linear, 0) => sample::<L, 2, false>(source, &positions, to, stride),
-            (Filter::Linear, 1) => sample::<L, 3, false>(source, &positions, to, stride),
-            (Filter::Linear, 2) => sample::<L, 4, false>(source, &positions, to, stride),
-            (Filter::Linear, 3..=4) => sample::<L, 6, false>(source, &positions, to, stride),
-            (Filter::Linear, _) => sample::<L, MOST_TAPS, false>(source, &positions, to, stride),
-            (Filter::Spline, 0) => sample::<L, 4, true>(source, &positions, to, stride),
-            (Filter::Spline, 1) => sample::<L, 5, true>(source, &positions, to, stride),
-            (Filter::Spline, 2) => sample::<L, 6, true>(source, &positions, to, stride),
-            (Filter::Spline, 3..=4) => sample::<L, 8, true>(source, &positions, to, stride),
-            (Filter::Spline, _) => sample::<L, MOST_TAPS, true>(source, &positions, to, stride),
+            (Filter::Linear, 0) => sample::<S::Eight, 2, false>(source, &positions, to, stride),
+            (Filter::Linear, 1) => sample::<S::Eight, 3, false>(source, &positions, to, stride),
+            (Filter::Linear, 2) => sample::<S::Eight, 4, false>(source, &positions, to, stride),
+            (Filter::Linear, 3..=4) => sample::<S::Eight, 6, false>(source, &positions, to, stride),
+            (Filter::Linear, _) => {
+                sample::<S::Eight, MOST_TAPS, false>(source, &positions, to, stride)
+            }
+            (Filter::Spline, 0) => sample::<S::Eight, 4, true>(source, &positions, to, stride),
+            (Filter::Spline, 1) => sample::<S::Eight, 5, true>(source, &positions, to, stride),
+            (Filter::Spline, 2) => sample::<S::Eight, 6, true>(source, &positions, to, stride),
+            (Filter::Spline, 3..=4) => sample::<S::Eight, 8, true>(source, &positions, to, stride),
+            (Filter::Spline, _) => {
+                sample::<S::Eight, MOST_TAPS, true>(source, &positions, to, stride)
+            }
         }
         true
     }
@@ -307,7 +311,7 @@ mod tests {
 
     use super::*;
     use crate::sample::{bilinear, cubic};
-    use crate::simd::{SimdLevel, dispatch_eight};
+    use crate::simd::{SimdLevel, dispatch};
     use crate::track::affine::warp::Warp;
     use crate::track::patch::Window;
 
@@ -351,7 +355,7 @@ mod tests {
                 for level in SimdLevel::available() {
                     let mut found = vec![0.0; width * height + 7];
                     let mut copied = Box::new(Copied::new());
-                    let sampled = dispatch_eight(level, SampleWarped {
+                    let sampled = dispatch(level, SampleWarped {
                         plane: &plane, positions, filter, copied: &mut copied, to: &mut found, stride: width,
                     });
                     prop_assert!(sampled);

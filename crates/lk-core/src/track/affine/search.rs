@@ -6,7 +6,7 @@
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::scratch::with_scratch;
-use crate::simd::{EIGHT, Kernel, SimdLevel, dispatch, dispatch_eight};
+use crate::simd::{EIGHT, Kernel, Simd, SimdLevel, dispatch};
 use crate::track::affine::sample::{Copied, Filter, SampleWarped};
 use crate::track::affine::warp::{Positions, Warp};
 use crate::track::patch::Window;
@@ -165,7 +165,7 @@ impl<'a> Search<'a> {
                     };
                     let mut sampled = [0.0f32; AREA + EIGHT];
                     // The pixel of `prev` that comes to stand at each pixel of the patch in `next`.
-                    let near = dispatch_eight(
+                    let near = dispatch(
                         self.simd,
                         SampleWarped {
                             plane: self.prev,
@@ -266,7 +266,7 @@ impl Kernel for Correlate<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run(self) {
+    fn run<S: Simd>(self, _: S) {
         let (left, top) = self.first;
         let count = self.products.len();
         self.products.fill(0.0);

@@ -4,7 +4,7 @@
 //! are a few of those of a pixel times its place: a column of lanes is summed with the powers of y first, and those of x
 //! are the same for all of it.
 
-use crate::simd::{EIGHT, Eight, EightKernel};
+use crate::simd::{EIGHT, Eight, Kernel, Simd};
 use crate::track::affine::factor::UNKNOWNS;
 use crate::track::affine::template::{Samples, Template, stride};
 
@@ -57,17 +57,17 @@ pub(super) struct Square<'a> {
     pub(super) lit: bool,
 }
 
-impl EightKernel for Square<'_> {
+impl Kernel for Square<'_> {
     type Output = [[f64; UNKNOWNS]; UNKNOWNS];
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> Self::Output {
+    fn run<S: Simd>(self, _: S) -> Self::Output {
         let mut sums = [[0.0; UNKNOWNS]; UNKNOWNS];
-        self.motion::<L>(&mut sums);
+        self.motion::<S::Eight>(&mut sums);
         if self.lit {
-            self.motion_and_light::<L>(&mut sums);
+            self.motion_and_light::<S::Eight>(&mut sums);
         }
-        self.light::<L>(&mut sums);
+        self.light::<S::Eight>(&mut sums);
         sums
     }
 }
@@ -201,28 +201,28 @@ pub(super) struct Project<'a> {
     pub(super) keep: Option<&'a Samples>,
 }
 
-impl EightKernel for Project<'_> {
+impl Kernel for Project<'_> {
     type Output = ([f64; UNKNOWNS], f64);
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> Self::Output {
+    fn run<S: Simd>(self, _: S) -> Self::Output {
         let Template { window, .. } = self.template;
-        let middle = L::splat(self.template.middle);
+        let middle = S::Eight::splat(self.template.middle);
         // With each derivative times 1, x, y, with 1, the grey level, x, y; squared.
-        let mut totals = [L::zero(); UNKNOWNS + 1];
+        let mut totals = [S::Eight::zero(); UNKNOWNS + 1];
         for block in 0..window.blocks() {
-            let within = self.template.within::<L>(block);
-            let mut sums = [L::zero(); 8];
+            let within = self.template.within::<S::Eight>(block);
+            let mut sums = [S::Eight::zero(); 8];
             for row in 0..window.height {
                 let at = row * stride(window.width) + block * EIGHT;
-                let grey = L::load(&self.template.grey, at);
-                let mut difference = (L::load(self.samples, at) - grey).keep(within);
+                let grey = S::Eight::load(&self.template.grey, at);
+                let mut difference = (S::Eight::load(self.samples, at) - grey).keep(within);
                 if let Some(keep) = self.keep {
-                    difference = difference.keep(L::load(keep, at));
+                    difference = difference.keep(S::Eight::load(keep, at));
                 }
-                let y = L::splat(self.template.y(row));
-                let across = difference * L::load(&self.template.across, at);
-                let down = difference * L::load(&self.template.down, at);
+                let y = S::Eight::splat(self.template.y(row));
+                let across = difference * S::Eight::load(&self.template.across, at);
+                let down = difference * S::Eight::load(&self.template.down, at);
                 sums[0] += across;
                 sums[1] += across * y;
                 sums[2] += down;
@@ -232,7 +232,7 @@ impl EightKernel for Project<'_> {
                 sums[6] += difference * (grey - middle);
                 sums[7] += difference * difference;
             }
-            let x = self.template.x::<L>(block);
+            let x = self.template.x::<S::Eight>(block);
             let [
                 across,
                 across_y,
@@ -260,7 +260,7 @@ impl EightKernel for Project<'_> {
                 totals[line] += parts[line];
             }
         }
-        let all = L::sums(&totals);
+        let all = S::Eight::sums(&totals);
         let mut sums = [0.0; UNKNOWNS];
         sums.copy_from_slice(&all[..UNKNOWNS]);
         (sums, all[UNKNOWNS])
@@ -272,7 +272,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::simd::{SimdLevel, dispatch_eight};
+    use crate::simd::{SimdLevel, dispatch};
     use crate::track::affine::template::{Differentiate, ROOM};
     use crate::track::patch::Window;
 
@@ -292,7 +292,7 @@ mod tests {
             window,
             template: &mut template,
         };
-        dispatch_eight(SimdLevel::Baseline, kernel);
+        dispatch(SimdLevel::Baseline, kernel);
         samples.rotate_left(13);
         (template, samples)
     }
@@ -356,8 +356,8 @@ mod tests {
             }
             let keep = masked.then_some(&*keep);
             for level in SimdLevel::available() {
-                let found = dispatch_eight(level, Square { template: &template, keep, lit });
-                let (sums, total) = dispatch_eight(level, Project { template: &template, samples: &samples, keep });
+                let found = dispatch(level, Square { template: &template, keep, lit });
+                let (sums, total) = dispatch(level, Project { template: &template, samples: &samples, keep });
                 prop_assert!((total - squared).abs() <= 1e-5 * squared);
                 for i in 0..UNKNOWNS {
                     let scale = (largest[i] * squared).sqrt();

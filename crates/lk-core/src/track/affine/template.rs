@@ -1,6 +1,6 @@
 //! What a window shows before it is warped: grey levels and their derivatives.
 
-use crate::simd::{EIGHT, Eight, EightKernel};
+use crate::simd::{EIGHT, Eight, Kernel, Simd};
 use crate::track::noise::Gradients;
 use crate::track::patch::{MAX_SIDE, Window};
 
@@ -74,11 +74,11 @@ pub(super) struct Differentiate<'a> {
     pub(super) template: &'a mut Template,
 }
 
-impl EightKernel for Differentiate<'_> {
+impl Kernel for Differentiate<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Eight>(self) {
+    fn run<S: Simd>(self, _: S) {
         let Self {
             samples,
             window,
@@ -87,14 +87,15 @@ impl EightKernel for Differentiate<'_> {
         let (from, to) = (stride(window.width + 2), stride(window.width));
         template.window = window;
         template.middle = samples[(window.height / 2 + 1) * from + window.width / 2 + 1];
-        let half = L::splat(0.5);
+        let half = S::Eight::splat(0.5);
         for block in 0..window.blocks() {
-            let within = template.within::<L>(block);
+            let within = template.within::<S::Eight>(block);
             for row in 0..window.height {
                 let (at, here) = (row * to + block * EIGHT, (row + 1) * from + block * EIGHT);
-                let across = L::load(samples, here + 2) - L::load(samples, here);
-                let down = L::load(samples, here + from + 1) - L::load(samples, here + 1 - from);
-                L::load(samples, here + 1).store(&mut template.grey, at);
+                let across = S::Eight::load(samples, here + 2) - S::Eight::load(samples, here);
+                let down = S::Eight::load(samples, here + from + 1)
+                    - S::Eight::load(samples, here + 1 - from);
+                S::Eight::load(samples, here + 1).store(&mut template.grey, at);
                 (across * half).keep(within).store(&mut template.across, at);
                 (down * half).keep(within).store(&mut template.down, at);
             }
@@ -105,11 +106,11 @@ impl EightKernel for Differentiate<'_> {
 /// How the derivatives of neighbouring pixels go together.
 pub(super) struct Correlation<'a>(pub(super) &'a Template);
 
-impl EightKernel for Correlation<'_> {
+impl Kernel for Correlation<'_> {
     type Output = Gradients;
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> Gradients {
+    fn run<S: Simd>(self, _: S) -> Gradients {
         let Template {
             window,
             across,
@@ -117,20 +118,20 @@ impl EightKernel for Correlation<'_> {
             ..
         } = self.0;
         let Window { width, height } = *window;
-        let mut sums = [L::zero(); 4];
+        let mut sums = [S::Eight::zero(); 4];
         // Each pixel of a row but the first, with the one before.
         for block in 0..(width - 1).div_ceil(EIGHT) {
-            let within = L::first(width - 1 - block * EIGHT);
+            let within = S::Eight::first(width - 1 - block * EIGHT);
             for row in 0..height {
                 let at = row * stride(width) + block * EIGHT;
                 for (line, sums) in [down, across].into_iter().zip(sums.chunks_exact_mut(2)) {
-                    let here = L::load(line, at + 1).keep(within);
+                    let here = S::Eight::load(line, at + 1).keep(within);
                     sums[0] += here * here;
-                    sums[1] += here * L::load(line, at);
+                    sums[1] += here * S::Eight::load(line, at);
                 }
             }
         }
-        let [down, down_lagged, across, across_lagged] = L::sums(&sums);
+        let [down, down_lagged, across, across_lagged] = S::Eight::sums(&sums);
         // Along the row: a derivative down stands across its edges there, one across along itself.
         Gradients::new(
             [down, across],

@@ -6,7 +6,7 @@ use super::sampling::{Linear, Sampling, Spline, pair, spline_weights};
 use super::sums::{Cell, Sums};
 use super::template::Template;
 use crate::frame::Plane;
-use crate::simd::{EIGHT, Eight, EightKernel};
+use crate::simd::{EIGHT, Eight, Kernel, Simd};
 
 /// Compare a [`Template`] with `next` around `centre`. Sums that only a change of light needs are those
 /// that the template has.
@@ -19,30 +19,30 @@ pub(crate) struct Compare<'a> {
     pub(crate) scratch: &'a mut BorderScratch,
 }
 
-impl EightKernel for Compare<'_> {
+impl Kernel for Compare<'_> {
     type Output = Sums;
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> Sums {
+    fn run<S: Simd>(self, _: S) -> Sums {
         let light = self.template.light;
         let spline = self.template.sampling == Sampling::Spline;
         if self.template.is_masked() {
             let template = self.template;
             let sums = if spline {
-                self.spline::<L, true, true>()
+                self.spline::<S::Eight, true, true>()
             } else {
-                self.linear::<L, true, true, true, true>()
+                self.linear::<S::Eight, true, true, true, true>()
             };
             return template.orthogonal(sums);
         }
         match (spline, light.changes(), light.has_tilt(), self.squared) {
-            (true, true, ..) => self.spline::<L, true, false>(),
-            (true, false, ..) => self.spline::<L, false, false>(),
-            (false, true, true, _) => self.linear::<L, true, true, true, false>(),
-            (false, true, false, true) => self.linear::<L, true, false, true, false>(),
-            (false, true, false, false) => self.linear::<L, true, false, false, false>(),
-            (false, false, _, true) => self.linear::<L, false, false, true, false>(),
-            (false, false, _, false) => self.linear::<L, false, false, false, false>(),
+            (true, true, ..) => self.spline::<S::Eight, true, false>(),
+            (true, false, ..) => self.spline::<S::Eight, false, false>(),
+            (false, true, true, _) => self.linear::<S::Eight, true, true, true, false>(),
+            (false, true, false, true) => self.linear::<S::Eight, true, false, true, false>(),
+            (false, true, false, false) => self.linear::<S::Eight, true, false, false, false>(),
+            (false, false, _, true) => self.linear::<S::Eight, false, false, true, false>(),
+            (false, false, _, false) => self.linear::<S::Eight, false, false, false, false>(),
         }
     }
 }
@@ -101,11 +101,11 @@ impl Compare<'_> {
 /// The sum of the absolute differences of a [`Template`] and `next` around `centre`.
 pub(crate) struct AbsoluteDifference<'a>(pub(crate) Compare<'a>);
 
-impl EightKernel for AbsoluteDifference<'_> {
+impl Kernel for AbsoluteDifference<'_> {
     type Output = f64;
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> f64 {
+    fn run<S: Simd>(self, _: S) -> f64 {
         let Compare {
             template,
             next,
@@ -119,17 +119,19 @@ impl EightKernel for AbsoluteDifference<'_> {
         let (y, fy) = split(centre[1] - half[1]);
         let (columns, rows) = (window.width + 1, window.height + 1);
         let region = region(next, (x, y), columns, rows, scratch);
-        let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
+        let (wx, wy) = (pair::<S::Eight>(fx), pair::<S::Eight>(fy));
         // All bits but the sign's.
-        let magnitude = L::splat(f32::from_bits(0x7fff_ffff));
-        let mut sum = L::zero();
+        let magnitude = S::Eight::splat(f32::from_bits(0x7fff_ffff));
+        let mut sum = S::Eight::zero();
         for block in 0..window.blocks() {
             let at = block * EIGHT;
-            let mask = L::first(window.width - at);
+            let mask = S::Eight::first(window.width - at);
             let mut samples = Linear::new(region, at, &wx);
             for cell in template.column(block) {
                 let value = samples.below(&wx, &wy);
-                sum += (value - L::unpack(&cell.prev)).keep(mask).keep(magnitude);
+                sum += (value - S::Eight::unpack(&cell.prev))
+                    .keep(mask)
+                    .keep(magnitude);
             }
         }
         sum.sum()

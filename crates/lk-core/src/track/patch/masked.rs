@@ -4,7 +4,7 @@ use super::joint::{LEAST_SHARE, Moments, Place, WHOLE, reads};
 use super::sampling::Sampling;
 use super::sums::{Sums, TemplateSums};
 use super::template::Template;
-use crate::simd::{Eight, EightKernel};
+use crate::simd::{Eight, Kernel, Simd};
 use crate::support::{CLIPPED, Support};
 
 impl Template {
@@ -80,36 +80,36 @@ impl Template {
 /// Make the sums of a template again, over the pixels that count.
 pub(crate) struct SumAgain<'a>(pub(crate) &'a mut Template);
 
-impl EightKernel for SumAgain<'_> {
+impl Kernel for SumAgain<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Eight>(self) {
+    fn run<S: Simd>(self, _: S) {
         let template = self.0;
         if !template.joint.masked {
             return;
         }
         let window = template.window;
-        let base = L::splat(template.level);
+        let base = S::Eight::splat(template.level);
         let half = window.half();
-        let mut plain = [L::zero(); 3];
-        let mut with = [[L::zero(); 3]; 2];
-        let mut products = [L::zero(); 6];
-        let mut lagged = [L::zero(); 2];
-        let mut moments = [L::zero(); 6];
-        let one = L::splat(1.0);
+        let mut plain = [S::Eight::zero(); 3];
+        let mut with = [[S::Eight::zero(); 3]; 2];
+        let mut products = [S::Eight::zero(); 6];
+        let mut lagged = [S::Eight::zero(); 2];
+        let mut moments = [S::Eight::zero(); 6];
+        let one = S::Eight::splat(1.0);
         for block in 0..window.blocks() {
-            let x = window.block_x::<L>(block);
+            let x = window.block_x::<S::Eight>(block);
             let keep = template.joint.column(block, window);
             let cells = template.column(block);
-            let mut last = [L::zero(); 2];
-            let mut own = [L::zero(); 3];
+            let mut last = [S::Eight::zero(); 2];
+            let mut own = [S::Eight::zero(); 3];
             for (row, (cell, keep)) in cells.iter().zip(keep).enumerate() {
-                let keep = L::unpack(keep);
-                let y = L::splat(row as f32 - half[1]);
-                let a = (L::unpack(&cell.prev) - base).keep(keep);
-                let gx = L::unpack(&cell.gradient[0]).keep(keep);
-                let gy = L::unpack(&cell.gradient[1]).keep(keep);
+                let keep = S::Eight::unpack(keep);
+                let y = S::Eight::splat(row as f32 - half[1]);
+                let a = (S::Eight::unpack(&cell.prev) - base).keep(keep);
+                let gx = S::Eight::unpack(&cell.gradient[0]).keep(keep);
+                let gy = S::Eight::unpack(&cell.gradient[1]).keep(keep);
                 for (index, value) in [a, gx, gy].into_iter().enumerate() {
                     own[index] += value;
                     with[1][index] += value * y;
@@ -136,13 +136,13 @@ impl EightKernel for SumAgain<'_> {
                 with[0][index] += own * x;
             }
         }
-        let plain = L::sums(&plain);
-        let [with_x, with_y] = [L::sums(&with[0]), L::sums(&with[1])];
-        let moments = template.joint.moments(L::sums(&moments));
+        let plain = S::Eight::sums(&plain);
+        let [with_x, with_y] = [S::Eight::sums(&with[0]), S::Eight::sums(&with[1])];
+        let moments = template.joint.moments(S::Eight::sums(&moments));
         let mut sums = TemplateSums {
             plain,
-            products: L::sums(&products),
-            lagged: L::sums(&lagged),
+            products: S::Eight::sums(&products),
+            lagged: S::Eight::sums(&lagged),
             ..TemplateSums::default()
         };
         for index in 0..3 {

@@ -10,7 +10,7 @@ use super::sampling::{Linear, Sampling, Spline, pair, spline_weights};
 use super::sums::{Cell, MAX_CELLS, TemplateSums};
 use super::{MAX_SIDE, Window};
 use crate::frame::Plane;
-use crate::simd::{EIGHT, Eight, EightKernel, Packed};
+use crate::simd::{EIGHT, Eight, Kernel, Packed, Simd};
 use crate::track::noise::Gradients;
 
 /// The window in `prev`, its gradient, and their sums.
@@ -109,12 +109,12 @@ pub(crate) struct BuildTemplate<'a> {
     pub(crate) scratch: &'a mut BorderScratch,
 }
 
-impl EightKernel for BuildTemplate<'_> {
+impl Kernel for BuildTemplate<'_> {
     /// Where the template's centre is: `centre`, or near it at whole pixels.
     type Output = [f32; 2];
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> [f32; 2] {
+    fn run<S: Simd>(self, _: S) -> [f32; 2] {
         let Self {
             window, sampling, ..
         } = self;
@@ -128,9 +128,9 @@ impl EightKernel for BuildTemplate<'_> {
         template.joint.reset();
         template.moments = Moments::whole(window);
         match sampling {
-            Sampling::Linear => self.at_whole_pixels::<L>(corner),
-            Sampling::Bouguet => self.interpolated::<L>(corner),
-            Sampling::Spline => self.smoothed::<L>(corner),
+            Sampling::Linear => self.at_whole_pixels::<S::Eight>(corner),
+            Sampling::Bouguet => self.interpolated::<S::Eight>(corner),
+            Sampling::Spline => self.smoothed::<S::Eight>(corner),
         }
     }
 }

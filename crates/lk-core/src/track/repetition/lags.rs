@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use crate::frame::Plane;
-use crate::simd::{EIGHT, Eight, EightKernel, dispatch_eight};
+use crate::simd::{EIGHT, Eight, Kernel, Simd, dispatch};
 use crate::track::solve::Problem;
 
 /// Lags that are kept, of opposite ones only one.
@@ -193,7 +193,7 @@ impl Problem<'_> {
             x.clamp(rim, width - 1 - rim),
             y.clamp(rim, height - 1 - rim),
         );
-        let compared = dispatch_eight(
+        let compared = dispatch(
             self.level,
             Differences {
                 plane,
@@ -291,17 +291,17 @@ impl Surface {
 const WIDE: usize = GROUPS * EIGHT + SIDES.1;
 const HIGH: usize = LAGS + SIDES.1 - 1;
 
-impl EightKernel for Differences<'_> {
+impl Kernel for Differences<'_> {
     /// Whether there is anything to compare.
     type Output = bool;
 
     #[inline(always)]
-    fn run<L: Eight>(self) -> Self::Output {
+    fn run<S: Simd>(self, _: S) -> Self::Output {
         match self.side {
-            0..=7 => self.compare::<L, 7>(),
-            8..=9 => self.compare::<L, 9>(),
-            10..=11 => self.compare::<L, 11>(),
-            _ => self.compare::<L, 13>(),
+            0..=7 => self.compare::<S::Eight, 7>(),
+            8..=9 => self.compare::<S::Eight, 9>(),
+            10..=11 => self.compare::<S::Eight, 11>(),
+            _ => self.compare::<S::Eight, 13>(),
         }
     }
 }
