@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 import rsflow
-from rsflow.camera.board import Board
+from rsflow.calibration import Board
 from rsflow.synthetic.boards import DOTS, FIRST_CORNER, chessboard_sheet, sample_rays, seen
 
 TRUTH = rsflow.Camera(

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 import rsflow
-from rsflow.camera.board import Board
+from rsflow.calibration import Board
 
 BOARD = Board((9, 6), 0.025)
 SIZE = (640, 480)

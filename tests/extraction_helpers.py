@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from rsflow import synthetic
-from rsflow.extraction.tables import partial_name
+from rsflow.extraction.file_names import partial_name
 
 HEIGHT_M = 0.2
 FILES = {

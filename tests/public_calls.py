@@ -1,4 +1,7 @@
-"""Every public callable of rsflow, found by walking its modules, and for each the arguments of a call that works."""
+"""Every public callable of rsflow, found by walking its modules, and for each the arguments of a call that works.
+
+Long because it is one table, with a call for each.
+"""
 
 from __future__ import annotations
 

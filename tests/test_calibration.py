@@ -23,8 +23,9 @@ from calibration_helpers import (
     render,
     views,
 )
-from rsflow.calibration import detect, solve
-from rsflow.calibration.board import Board, charuco_detector, find_corners
+from rsflow.calibration import detect_process, solve
+from rsflow.calibration.board import Board
+from rsflow.calibration.detect import charuco_detector, find_corners
 from rsflow.synthetic.boards import DOTS
 
 
@@ -211,11 +212,11 @@ def test_a_focal_length_with_too_large_a_deviation_is_an_error(monkeypatch):
 def test_a_search_without_end_is_stopped():
     """A picture full of squares keeps the search busy for many seconds: it is stopped, and the next is searched."""
     busy = np.kron(np.random.default_rng(2).integers(0, 2, (360, 360), np.uint8) * 200, np.ones((8, 8), np.uint8))
-    with detect.Searcher() as searcher:
+    with detect_process.Searcher() as searcher:
         # The process starts before the clock does.
         assert searcher.find(views()[0], Board(BOARD, SQUARE_M), 20.0) is not None
         begin = time.monotonic()
-        with pytest.raises(detect.SearchTimeoutError, match=r"the search took longer than 0\.3 s"):
+        with pytest.raises(detect_process.SearchTimeoutError, match=r"the search took longer than 0\.3 s"):
             searcher.find(busy, Board(BOARD, SQUARE_M), 0.3)
         assert time.monotonic() - begin < 1.5
         assert searcher.find(views()[0], Board(BOARD, SQUARE_M), 20.0) is not None
@@ -226,7 +227,7 @@ def test_a_search_without_end_is_stopped():
 
 
 def test_a_search_that_dies_is_an_error(monkeypatch):
-    monkeypatch.setattr(detect.sys, "executable", "/bin/false")
+    monkeypatch.setattr(detect_process.sys, "executable", "/bin/false")
     with pytest.raises(rsflow.CalibrationError, match="the process that searches for boards cannot run: /bin/false"):
         rsflow.calibrate(blank(), board=BOARD, square_size_m=SQUARE_M)
 

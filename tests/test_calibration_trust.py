@@ -14,7 +14,7 @@ import rsflow
 from calibration_helpers import BOARD as SEEN_BOARD
 from calibration_helpers import SQUARE_M, TRUTH, chessboard, render, views
 from calibration_sets import BOARD, SIZE, MadeSet, made_camera, made_poses, made_set, seen
-from rsflow.calibration import lens_doubts, solve
+from rsflow.calibration import lens_doubts, multi_start, solve
 from rsflow.cli import main
 
 
@@ -81,7 +81,7 @@ def test_nearly_parallel_views_are_refused_with_what_was_measured_and_what_is_ne
 def test_starts_that_end_apart_with_sums_as_good_are_refused():
     made = made_set(11, tilt_deg=30.0, count=8)
     solution = solved(made, 5)
-    ends = solve.ends(solution.problem)
+    ends = multi_start.ends(solution.problem)
     assert len(ends) >= 4
     focals = [end.camera[0] for end in ends]
     assert np.ptp(focals) < 1e-3 * focals[0]
@@ -222,8 +222,8 @@ def test_corners_that_lie_off_hardly_move_the_camera():
 def test_of_many_corners_some_are_taken_and_all_are_told(monkeypatch):
     made = made_set(33, tilt_deg=35.0, count=8, perfect=True)
     full = solved(made, 5)
-    monkeypatch.setattr(solve, "_MOST_CORNERS", 200)
-    monkeypatch.setattr(solve, "_START_CORNERS", 100)
+    monkeypatch.setattr(solve, "MOST_CORNERS", 200)
+    monkeypatch.setattr(multi_start, "_START_CORNERS", 100)
     some = solved(made, 5)
     assert [len(part) for part in some.residuals] == [BOARD.corners] * 8
     assert (np.abs(some.values - full.values) < 3 * some.std).all()

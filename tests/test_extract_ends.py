@@ -120,7 +120,7 @@ def test_command_interrupted_is_130_with_one_line(flight, tmp_path):
     np.save(tmp_path / "images.npy", flight.images)
     code = (
         "import sys, os, signal, numpy as np, rsflow.extraction.job as job\n"
-        "import rsflow.capture.stream as capture\n"
+        "import rsflow.capture.opening as capture\n"
         "real = capture.frames\n"
         "images = np.load(sys.argv[1])\n"
         "def pressed():\n"
@@ -149,7 +149,7 @@ def test_command_interrupted_is_130_with_one_line(flight, tmp_path):
 FULL_DISK = """
 import resource, sys, numpy as np
 from rsflow.cli import main
-import rsflow.capture.stream as capture
+import rsflow.capture.opening as capture
 real = capture.frames
 images = np.load(sys.argv[1])
 capture.frames = lambda source, **options: real(list(images) * 6, **options)

@@ -239,7 +239,7 @@ def test_memory_of_large_pairs_is_kept_from_the_second_in_a_row_on() -> None:
     small, large = 640 * 480, 3840 * 2160
 
     def core(pixels: int) -> object:
-        return rsflow.flow._kept_core(("fast", "gain_offset", None, False), pixels)
+        return rsflow.flow.dense._kept_core(("fast", "gain_offset", None, False), pixels)
 
     assert core(small) is core(small)
     kept = core(small)

@@ -18,7 +18,7 @@ from rsflow._results.inputs import Inputs, source_files
 from rsflow.batch import extract_many
 from rsflow.cli import main
 from rsflow.errors import CaptureError, OptionError
-from rsflow.extraction.tables import partial_name
+from rsflow.extraction.file_names import partial_name
 
 
 @pytest.fixture(scope="module")

@@ -43,7 +43,8 @@ def test_every_public_name_resolves():
     for name in [*rsflow.__all__, *rsflow._SUBMODULES]:
         assert getattr(rsflow, name) is not None
     assert set(rsflow._LAZY) <= set(rsflow.__all__)
-    assert set(rsflow.__all__) <= set(dir(rsflow))
+    assert dir(rsflow) == sorted({*rsflow.__all__, *rsflow._SUBMODULES})
+    assert not any(name.startswith("_") for name in set(dir(rsflow)) - {"__version__"})
     with pytest.raises(AttributeError, match="no attribute 'flows'"):
         _ = rsflow.flows
 

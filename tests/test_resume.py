@@ -1,4 +1,7 @@
-"""A run that was stopped or killed and is resumed: the same tables, to the byte, as of a run in one piece."""
+"""A run that was stopped or killed and is resumed: the same tables, to the byte, as of a run in one piece.
+
+Long because everything here goes on with one extraction, which is made once.
+"""
 
 import itertools
 import json
@@ -344,7 +347,7 @@ def test_another_source_or_other_settings_are_refused(parked):
 
 
 def test_another_version_is_refused(parked, monkeypatch):
-    monkeypatch.setattr(rsflow, "__version__", "0.0.7")
+    monkeypatch.setattr(checkpoint, "__version__", "0.0.7")
     with pytest.raises(OptionError, match=r"other versions \(rsflow .*, here 0.0.7\); .*--overwrite"):
         rsflow.extract("clip.mp4", "out", videos=False, resume=True)
 

@@ -85,6 +85,7 @@ _SUBMODULES = (
     "calibration",
     "camera",
     "capture",
+    "errors",
     "extraction",
     "interop",
     "io",
@@ -185,4 +186,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY, *_SUBMODULES})
+    return sorted({*__all__, *_SUBMODULES})

@@ -149,7 +149,7 @@ def readings(
     >>> [(reading.frame, round(reading.dx_px, 1)) for reading in live.readings(list(flight.images))]
     [(1, -0.6), (2, -0.6)]
     """
-    from . import frames
+    from .capture import frames
 
     if (camera is None) != (height_m is None):
         raise OptionError("camera, height_m: got one of them, expected both, since a velocity follows from both")
@@ -171,9 +171,9 @@ def _measured(
     mask: NDArray[np.bool_] | str | os.PathLike[str] | None,
     **options: Any,
 ) -> Iterator[LiveReading]:
-    from . import estimate_shift
     from .capture.masks import mask_of_frames
     from .extraction.rows import status_word
+    from .shift import estimate_shift
 
     estimator: Any = None
     scaled = ""

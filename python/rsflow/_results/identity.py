@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from .inputs import source_files
+
 __all__ = ["of_file", "of_settings", "of_source"]
 
 # Of a large file its size and samples are taken: both ends, where containers have their tables, and places between.
@@ -37,8 +39,6 @@ def of_source(source: Any) -> str | None:
         return _sum(parts)
     if not isinstance(source, (str, os.PathLike)):
         return None
-    from .inputs import source_files
-
     text = os.fspath(source)
     files = sorted(source_files(source))
     try:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OptionError
+from ..io.picture_names import PICTURES, matches
 
 __all__ = ["Inputs", "expect_apart"]
 
@@ -77,9 +78,7 @@ class Inputs:
 
     def _reaches(self, output: Path) -> bool:
         """Whether `output` is a picture among those of the source, or where a pattern finds it."""
-        from ..capture.sources import _PICTURES
-
-        if output.suffix.lower() not in _PICTURES:
+        if output.suffix.lower() not in PICTURES:
             return False
         if _real(output.parent) in self._folders():
             return True
@@ -96,11 +95,9 @@ class Inputs:
     def _folders(self) -> set[Path]:
         """Folders of the source's pictures; those of a single picture and of a video do not count."""
         if self._pictures is None:
-            from ..capture.sources import _PICTURES
-
             single = isinstance(self._source, (str, os.PathLike)) and Path(self._source).is_file()
             files = () if single else source_files(self._source)
-            self._pictures = {_real(folder) for folder in {p.parent for p in files if p.suffix.lower() in _PICTURES}}
+            self._pictures = {_real(folder) for folder in {p.parent for p in files if p.suffix.lower() in PICTURES}}
         return self._pictures
 
 
@@ -121,9 +118,6 @@ def expect_apart(outputs: Mapping[str, str | os.PathLike[str] | None]) -> None:
 
 def source_files(source: Any) -> Iterator[Path]:
     """Give the files that a source of `rsflow.frames` reads, without opening one."""
-    from ..capture.sources import _PICTURES
-    from ..capture.sources import _matches as matches
-
     if isinstance(source, tuple) and len(source) == 2 and isinstance(source[0], (str, os.PathLike)):
         # A pair of a path and its time, unless it is a list of two paths.
         yield from source_files(source[0])
@@ -143,7 +137,7 @@ def source_files(source: Any) -> Iterator[Path]:
         if "://" in text or not text:
             return
         if path.is_dir():
-            yield from (item for item in path.iterdir() if item.suffix.lower() in _PICTURES)
+            yield from (item for item in path.iterdir() if item.suffix.lower() in PICTURES)
         elif path.exists():
             yield path
         else:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import _checks
+from .._core import set_num_threads
 from ..errors import OptionError, RsflowError
 
 if TYPE_CHECKING:
@@ -113,13 +114,11 @@ def folder_names(sources: Sequence[str | int | os.PathLike[str]]) -> list[str]:
 
 def _extract_one(source: str | int, folder: str, threads: int | None, options: dict[str, Any]) -> BatchItem:
     """Run one extraction in a worker; every expected failure becomes an item, so that it cannot stop the others."""
-    import rsflow
-
     from ..extraction import ExtractionInterrupted, PartialExtractionError, extract
     from .stop import stoppable
 
     if threads is not None:
-        rsflow.set_num_threads(threads)
+        set_num_threads(threads)
     begun = False
     try:
         with stoppable():

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from .board import Board, Corners, Pattern, find_corners
-from .estimate import Calibration, calibrate
+from .board import Board, Pattern
+from .detect import Corners, find_corners
+from .estimate import calibrate
+from .result import Calibration
 from .views import View
 
 __all__ = ["Board", "Calibration", "Corners", "Pattern", "View", "calibrate", "find_corners"]

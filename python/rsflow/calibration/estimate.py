@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _checks
 from ..camera.distortion import NAMES
-from ..camera.model import Camera, CameraFormat, CameraModel
-from ..capture.stream import Frames, frames
+from ..camera.model import Camera, CameraModel
+from ..capture.opening import frames
+from ..capture.stream import Frames
 from ..errors import CalibrationError, DTypeError, OptionError, ShapeError
 from . import solve
 from .board import Board, Pattern
-from .detect import Searcher
+from .detect_process import Searcher
 from .lens_doubts import doubts
+from .result import Calibration
 from .views import DISTINCT, SAME, Search, View
 
 __all__ = ["Calibration", "View", "calibrate"]
@@ -31,171 +29,6 @@ _LEAST_VIEWS = 3
 # Distortion coefficients that can be estimated, and those that are by default.
 _COEFFICIENTS = {"pinhole": (0, 4, 5, 8, 12), "fisheye": (0, 4)}
 _USUAL = {"pinhole": 5, "fisheye": 4}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
-    """What `calibrate` found.
-
-    Attributes
-    ----------
-    camera : Camera
-        The camera, with the deviations of its parameters in `Camera.std`.
-    rms : float
-        Root mean square distance between all corners and the model, in pixels.
-    views : tuple of View
-        Every picture looked at, used or not, in order.
-    board : Board
-        The board.
-    std_views : dict of str to float
-        The part of each deviation that comes from the corners' errors, between views and between corners of the board,
-        with poses and the shape of the board unknown.
-    std_repair : dict of str to float
-        The part that comes from corners that had to be set right: how far the parameter moves without that.
-    std_model : dict of str to float
-        The part of a lens model that does not fit: how far fx, fy, cx and cy move with the one that `doubts` names.
-    covariance : (P, P) float64
-        Of fx, fy, cx, cy and the distortion coefficients, all parts together.
-    tilt_span_rad : float
-        Largest angle between the board's normals in two of the used views.
-    board_bend_m : float
-        Height of the board's bend over its plane, as it was fitted, in metres.
-    doubts : tuple of str
-        Signs in the residuals that another model would fit: more coefficients, another lens, a rolling shutter; empty
-        where they look like noise.
-
-    Examples
-    --------
-    >>> import rsflow
-    >>> camera = rsflow.Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240)
-    >>> views = rsflow.synthetic.chessboard_views(camera, count=4)
-    >>> found = rsflow.calibrate(views, board=(8, 6), square_size_m=0.025, coefficients=0)
-    >>> abs(found.camera.fx - 300) < 4 * found.std["fx"], found.rms < 0.1
-    (True, True)
-    >>> len(found.used), found.rejected, found.per_view_errors.shape
-    (4, {}, (4,))
-    >>> found.advice()[0]
-    'add views: 4 were used, 10 to 20 make deviations reliable'
-    >>> found.summary().split(",")[0], int(found.coverage().sum()), found.as_dict()["rms_px"] == found.rms
-    ('camera 320 x 240', 192, True)
-    >>> import pathlib, tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     found.save(pathlib.Path(folder, "camera.yml"))
-    ...     [path.name for path in found.draw(folder)]
-    ['frame-0.corners.png', 'frame-1.corners.png', 'frame-2.corners.png', 'frame-3.corners.png', 'coverage.png']
-    """
-
-    camera: Camera
-    rms: float
-    views: tuple[View, ...]
-    board: Board
-    std_views: dict[str, float]
-    std_repair: dict[str, float]
-    std_model: dict[str, float]
-    covariance: NDArray[np.float64]
-    tilt_span_rad: float
-    board_bend_m: float
-    doubts: tuple[str, ...] = ()
-
-    @property
-    def std(self) -> dict[str, float]:
-        """Standard deviation of each parameter: the corners' errors, repairs and a doubtful model together."""
-        return dict(self.camera.std)
-
-    @property
-    def used(self) -> tuple[View, ...]:
-        """The views that the calibration uses."""
-        return tuple(view for view in self.views if view.used)
-
-    @property
-    def rejected(self) -> dict[str, str]:
-        """Names of the other pictures, and why they are not used."""
-        return {view.name: view.reason for view in self.views if not view.used}
-
-    @property
-    def per_view_errors(self) -> NDArray[np.float64]:
-        """Root mean square error of each used view, in pixels."""
-        return np.array([view.rms for view in self.used])
-
-    @property
-    def focal_deviation(self) -> float:
-        """Relative standard deviation of the focal length, the larger of both axes.
-
-        A velocity over ground is height times flow over f: it has at least this relative deviation.
-        """
-        std = self.camera.std
-        return max(std.get("fx", math.nan) / self.camera.fx, std.get("fy", math.nan) / self.camera.fy)
-
-    def coverage(self, columns: int = 8, rows: int = 6) -> NDArray[np.int64]:
-        """Count the corners of all used views in each cell of a grid over the picture, (rows, columns) int64.
-
-        Parameters
-        ----------
-        columns, rows : int
-            Of the grid.
-        """
-        from .report import coverage
-
-        columns = _checks.integer("columns", columns, least=1, most=10_000)
-        rows = _checks.integer("rows", rows, least=1, most=10_000)
-        return coverage(self, columns, rows)
-
-    @property
-    def covered(self) -> float:
-        """Share of the cells of an 8 x 6 grid over the picture that hold at least one corner."""
-        return float(np.mean(self.coverage() > 0))
-
-    def advice(self) -> tuple[str, ...]:
-        """Say what would make this calibration better, most important first; empty where nothing would."""
-        from .report import advice
-
-        return advice(self)
-
-    def summary(self) -> str:
-        """Give the result, its views and the advice as text."""
-        from .report import summary
-
-        return summary(self)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Give everything but the corners as plain values, for JSON."""
-        from .report import as_dict
-
-        return as_dict(self)
-
-    def save(self, path: str | os.PathLike[str], *, format: CameraFormat | None = None) -> None:
-        """Write the camera; see `Camera.save`.
-
-        Parameters
-        ----------
-        path, format
-            As there; the errors are the same.
-        """
-        self.camera.save(path, format=format)
-
-    def draw(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write a picture of each view with the corners found, and one of the coverage; give their paths.
-
-        Arrows show found minus modelled position, fifty times enlarged. A view without a board is written as it is,
-        with the reason.
-
-        Parameters
-        ----------
-        folder : path
-            Made if it is missing.
-
-        Returns
-        -------
-        list of Path
-
-        Raises
-        ------
-        OSError
-            If a picture cannot be written.
-        """
-        from .report import draw
-
-        return draw(self, _checks.path("folder", folder))
 
 
 def calibrate(

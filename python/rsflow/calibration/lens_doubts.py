@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bundle_adjustment import Fit, Problem, linearised
-from .solve import best, ends
+from .multi_start import best, ends
 
 __all__ = ["Doubts", "doubts"]
 

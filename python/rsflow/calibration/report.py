@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._results.inputs import Inputs
 from ..io.atomic import writing
-
-if TYPE_CHECKING:
-    from .estimate import Calibration
-    from .views import View
+from .figures import Figures
+from .views import View
 
 # Focal lengths from a chessboard repeat to 0.09 % at best; a deviation of half a percent is half a percent of speed.
 _FOCAL_GOOD = 0.001
@@ -42,22 +40,6 @@ _PLACES = (
 )
 
 
-def coverage(calibration: Calibration, columns: int, rows: int) -> NDArray[np.int64]:
-    """Count the corners of the used views in each cell of a grid over the picture."""
-    counts = np.zeros((rows, columns), np.int64)
-    for view in calibration.used:
-        add_coverage(counts, view.corners, calibration.camera.size)
-    return counts
-
-
-def add_coverage(counts: NDArray[np.int64], corners: NDArray[np.float32], size: tuple[int, int]) -> None:
-    """Add the corners of one view to the counts of the cells."""
-    rows, columns = counts.shape
-    x = np.clip(((corners[:, 0] + 0.5) * columns / size[0]).astype(int), 0, columns - 1)
-    y = np.clip(((corners[:, 1] + 0.5) * rows / size[1]).astype(int), 0, rows - 1)
-    np.add.at(counts, (y, x), 1)
-
-
 def empty_places(counts: NDArray[np.int64]) -> list[str]:
     """Name the parts of the picture, of 3 x 3, of whose cells fewer than half hold a corner."""
     places = []
@@ -68,13 +50,13 @@ def empty_places(counts: NDArray[np.int64]) -> list[str]:
     return places
 
 
-def poor_views(calibration: Calibration) -> list[View]:
+def poor_views(calibration: Figures) -> list[View]:
     """Give the views that do not fit the others, worst first."""
     limit = _POOR_VIEW * float(np.median(calibration.per_view_errors))
     return sorted((view for view in calibration.used if view.rms > limit), key=lambda view: -view.rms)
 
 
-def advice(calibration: Calibration) -> tuple[str, ...]:
+def advice(calibration: Figures) -> tuple[str, ...]:
     """Say what would make a calibration better, most important first."""
     said = []
     used = calibration.used
@@ -119,7 +101,7 @@ def _listed(views: list[View]) -> str:
     return _joined(names) if len(names) <= 6 else f"{', '.join(names[:6])} and {len(names) - 6} more"
 
 
-def summary(calibration: Calibration) -> str:
+def summary(calibration: Figures) -> str:
     """Give the result, its views and the advice as text."""
     camera = calibration.camera
     used = calibration.used
@@ -165,7 +147,7 @@ def summary(calibration: Calibration) -> str:
     return "\n".join(lines)
 
 
-def as_dict(calibration: Calibration) -> dict[str, Any]:
+def as_dict(calibration: Figures) -> dict[str, Any]:
     """Give everything but the corners as plain values; what is not known is None."""
     camera = calibration.camera
     return {
@@ -214,7 +196,7 @@ def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def draw(calibration: Calibration, folder: Path) -> list[Path]:
+def draw(calibration: Figures, folder: Path) -> list[Path]:
     """Write a picture of each view, and one of the coverage; none over a picture that was calibrated with."""
     written = []
     used: set[str] = set()
@@ -262,7 +244,7 @@ def _view_picture(view: View) -> NDArray[np.uint8]:
     return _labelled(image, text)
 
 
-def _coverage_picture(calibration: Calibration) -> NDArray[np.uint8]:
+def _coverage_picture(calibration: Figures) -> NDArray[np.uint8]:
     import cv2
 
     camera = calibration.camera

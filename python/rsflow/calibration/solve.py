@@ -12,18 +12,13 @@ from ..camera import distortion
 from ..errors import CalibrationError
 from .bundle_adjustment import Fit, Problem, fit, residuals_of, weighted
 from .deviations import deviations
-from .starts import starts
+from .lens_doubts import doubts
+from .multi_start import MOST_CORNERS, STEPS, best, ends, thinned
 
-__all__ = ["Solution", "again", "best", "ends", "solve"]
+__all__ = ["Solution", "again", "solve"]
 
 Array = NDArray[np.float64]
 
-# Distortion coefficients that a fit begins with; the others join when those have settled.
-_FIRST = 5
-# Corners of all views that a fit takes at most, that the starts are tried on, and that each view keeps.
-_MOST_CORNERS, _START_CORNERS, _LEAST_CORNERS = 12000, 2500, 12
-# Steps from each start, and from there on with all parameters.
-_START_STEPS, _STEPS = 40, 60
 
 # Relative deviation of f from which the views cannot be said to determine it.
 UNDETERMINED = 0.1
@@ -83,7 +78,7 @@ def solve(
     whole = Problem.of(
         board, corners, numbers, size=size, model=model, coefficients=coefficients, square_pixels=square_pixels
     )
-    problem = _thinned(whole, _MOST_CORNERS)
+    problem = thinned(whole, MOST_CORNERS)
     with np.errstate(all="ignore"):
         begun = ends(problem)
         if not begun:
@@ -124,36 +119,7 @@ def again(solution: Solution, corners: list[NDArray[np.float32]]) -> Array:
         seen[view, : len(points)] = points
     problem = replace(solution.problem, seen=seen)
     start = replace(solution.found, residuals=residuals_of(problem, solution.found))
-    return fit(problem, weighted(problem, start), steps=_STEPS).camera
-
-
-def ends(problem: Problem) -> list[Fit]:
-    """Where each start leads, on a plane board and with few coefficients, the best first."""
-    first = _thinned(replace(problem, coefficients=min(problem.coefficients, _FIRST)), _START_CORNERS)
-    reached = [fit(first, start, steps=_START_STEPS, rounds=0, shaped=False) for start in starts(first)]
-    return sorted((end for end in reached if math.isfinite(end.cost)), key=lambda end: end.cost)
-
-
-def _thinned(problem: Problem, most: int) -> Problem:
-    """Take fewer corners of large boards, evenly, so that time is bounded: what is wrong is not the corners' noise."""
-    every = int(problem.there.sum()) // most + 1
-    if every == 1:
-        return problem
-    kept = problem.there & (np.arange(problem.there.shape[1]) % every == 0)
-    # A view needs enough for its pose.
-    few = kept.sum(axis=1) < _LEAST_CORNERS
-    kept[few] = problem.there[few]
-    return replace(problem, there=kept)
-
-
-def best(problem: Problem, begun: list[Fit]) -> Fit:
-    """Go on from the best end with all parameters, and with corners that lie off counting less."""
-    end = begun[0]
-    lens = np.zeros(problem.coefficients)
-    lens[: len(end.camera) - 4] = end.camera[4:]
-    start = replace(end, camera=np.concatenate([end.camera[:4], lens]))
-    start = replace(start, residuals=residuals_of(problem, start), weights=problem.there.astype(np.float64))
-    return fit(problem, weighted(problem, start), steps=_STEPS)
+    return fit(problem, weighted(problem, start), steps=STEPS).camera
 
 
 def _what_to_do(problem: Problem, found: Fit, span: float) -> str:
@@ -165,8 +131,6 @@ def _what_to_do(problem: Problem, found: Fit, span: float) -> str:
             f"{measured}; it takes more than {math.degrees(PARALLEL_RAD):.0f}, and 20 to 45 for a good result: tilt "
             "the board by 20 to 45 degrees, in different directions"
         )
-    from .lens_doubts import doubts
-
     said = doubts(problem, found).said
     if said:
         return said[0]

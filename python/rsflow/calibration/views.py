@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from ..capture.stream import Frame
 from ..errors import CalibrationError
-from .board import Board, Corners
-from .detect import Searcher, SearchTimeoutError
+from .board import Board
+from .detect import Corners
+from .detect_process import Searcher, SearchTimeoutError
 
 __all__ = ["DISTINCT", "SAME", "Search", "View", "to_8bit"]
 

@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
-from .formats import CAMERA_SUFFIXES, format_of, load_camera, save_camera
+from typing import TYPE_CHECKING, Any
+
 from .model import Camera, CameraFormat, CameraModel
 
+if TYPE_CHECKING:
+    from .formats import CAMERA_SUFFIXES, format_of, load_camera, save_camera
+
 __all__ = ["CAMERA_SUFFIXES", "Camera", "CameraFormat", "CameraModel", "format_of", "load_camera", "save_camera"]
+
+
+def __getattr__(name: str) -> Any:
+    # What reads and writes files loads when it is used.
+    if name in __all__:
+        from . import formats
+
+        return getattr(formats, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from ..calibration.board import Board, Corners, Pattern, find_corners
+from ..calibration import Board, Corners, Pattern, find_corners
 
 __all__ = ["Board", "Corners", "Pattern", "find_corners"]

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import FormatError
 from ..io.opencv_files import quiet
-from .model import Camera
+from .intrinsics import Intrinsics
 
 _DEPTH = 8
 _ENTRIES = 10_000
@@ -70,7 +70,7 @@ def _plain(node: Any, depth: int) -> Any:
     return node.string() if node.isString() else None
 
 
-def text(camera: Camera, kind: str) -> str:
+def text(camera: Intrinsics, kind: str) -> str:
     """Write a camera as a FileStorage document of kind yaml, xml or json."""
     matrices: dict[str, tuple[int, int, list[float]]] = {
         "camera_matrix": (3, 3, camera.matrix.ravel().tolist()),

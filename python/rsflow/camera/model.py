@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal, Self, TypeAlias, get_args
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,21 +14,13 @@ from numpy.typing import NDArray
 from .. import _checks
 from ..errors import OptionError
 from . import distortion as _distortion
+from .intrinsics import LARGEST, CameraFormat, CameraModel, Intrinsics
 
 __all__ = ["Camera", "CameraFormat", "CameraModel"]
 
-CameraModel: TypeAlias = Literal["pinhole", "fisheye"]
-CameraFormat: TypeAlias = Literal["json", "opencv", "ros", "kalibr"]
-
-# The longest side of a picture, in pixels.
-_LARGEST = 1_000_000
-
-# How many distortion coefficients each model may have, in OpenCV's order.
-_LENGTHS: dict[str, tuple[int, ...]] = {"pinhole": (0, 4, 5, 8, 12), "fisheye": (0, 4)}
-
 
 @dataclass(frozen=True, slots=True)
-class Camera:
+class Camera(Intrinsics):
     """A calibrated camera: where a point of the scene falls in the picture.
 
     A point (X, Y, Z) of the camera frame (x right, y down, z forward) has the normalised coordinates (X/Z, Y/Z); the
@@ -65,103 +55,6 @@ class Camera:
     >>> camera.scaled(320, 240).fx
     328.9
     """
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    _: dataclasses.KW_ONLY
-    width: int
-    height: int
-    distortion: tuple[float, ...] = ()
-    model: CameraModel = "pinhole"
-    std: Mapping[str, float] = field(default_factory=dict, hash=False)
-
-    def __post_init__(self) -> None:
-        put = functools.partial(object.__setattr__, self)
-        for name, above in (("fx", 0.0), ("fy", 0.0), ("cx", None), ("cy", None)):
-            put(name, _checks.number(name, getattr(self, name), above=above, of="pixels"))
-        for name in ("width", "height"):
-            put(name, _checks.integer(name, getattr(self, name), least=1, most=_LARGEST, of="pixels"))
-        put("model", _checks.choice("model", self.model, get_args(CameraModel)))
-        values = _checks.array("distortion", self.distortion, ..., "a list of finite numbers", finite=True)
-        put("distortion", tuple(np.ravel(values).astype(np.float64).tolist()))
-        lengths = _LENGTHS[self.model]
-        if len(self.distortion) not in lengths:
-            raise OptionError(
-                f"distortion: got {len(self.distortion)} coefficients, expected "
-                f"{', '.join(map(str, lengths[:-1]))} or {lengths[-1]} for the model {self.model!r}"
-            )
-        known = ("fx", "fy", "cx", "cy", *self.distortion_names)
-        deviations = _checks.instance("std", self.std, Mapping, "a mapping of names to deviations")
-        if set(deviations) - set(known):
-            raise _checks.refused("std", next(iter(set(deviations) - set(known))), f"deviations of {', '.join(known)}")
-        put("std", {name: _checks.number(f"std[{name!r}]", value, least=0) for name, value in deviations.items()})
-
-    @classmethod
-    def from_matrix(
-        cls,
-        matrix: NDArray[Any] | Sequence[Sequence[float]],
-        distortion: Sequence[float] | NDArray[Any] = (),
-        *,
-        width: int,
-        height: int,
-        model: CameraModel = "pinhole",
-        std: Mapping[str, float] | None = None,
-    ) -> Self:
-        """Make a camera from a 3 x 3 matrix as OpenCV's.
-
-        Parameters
-        ----------
-        matrix : array_like, (3, 3)
-            Without skew.
-        distortion, width, height, model, std
-            As of the camera.
-
-        Raises
-        ------
-        ShapeError
-            If the matrix is not 3 x 3.
-        OptionError
-            If it has a skew, or a last row other than (0, 0, 1).
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from rsflow import Camera
-        >>> K = np.array([[300.0, 0.0, 159.5], [0.0, 300.0, 119.5], [0.0, 0.0, 1.0]])
-        >>> Camera.from_matrix(K, width=320, height=240).fx
-        300.0
-        """
-        K = _checks.array("matrix", matrix, (3, 3), "numbers, (3, 3)").astype(np.float64)
-        if abs(K[0, 1]) > 1e-9 * abs(K[0, 0]) or K[1, 0] != 0 or not np.array_equal(K[2], (0.0, 0.0, 1.0)):
-            raise OptionError(f"matrix: got {K.tolist()}, expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] without skew")
-        return cls(
-            K[0, 0],
-            K[1, 1],
-            K[0, 2],
-            K[1, 2],
-            width=width,
-            height=height,
-            distortion=distortion,  # type: ignore[arg-type]
-            model=model,
-            std={} if std is None else std,
-        )
-
-    @property
-    def matrix(self) -> NDArray[np.float64]:
-        """The camera matrix K, (3, 3) float64."""
-        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the picture, in pixels."""
-        return self.width, self.height
-
-    @property
-    def distortion_names(self) -> tuple[str, ...]:
-        """Names of the distortion coefficients, in order."""
-        return _distortion.NAMES[self.model][: len(self.distortion)]
 
     @property
     def horizontal_fov_rad(self) -> float:
@@ -277,8 +170,8 @@ class Camera:
         >>> half.fx, half.cx
         (150.0, 79.5)
         """
-        width = _checks.integer("width", width, least=1, most=_LARGEST, of="pixels")
-        height = _checks.integer("height", height, least=1, most=_LARGEST, of="pixels")
+        width = _checks.integer("width", width, least=1, most=LARGEST, of="pixels")
+        height = _checks.integer("height", height, least=1, most=LARGEST, of="pixels")
         sx, sy = width / self.width, height / self.height
         factors = {"fx": sx, "cx": sx, "fy": sy, "cy": sy}
         return dataclasses.replace(
@@ -351,9 +244,10 @@ class Camera:
         >>> again == camera
         True
         """
-        from .formats import load_camera
+        from . import files
 
-        return load_camera(path, camera=camera, size=size)
+        read = files.read(path, camera=camera, size=size)
+        return Camera(**{part.name: getattr(read, part.name) for part in dataclasses.fields(read)})
 
     def save(self, path: str | os.PathLike[str], *, format: CameraFormat | None = None) -> None:
         """Write the camera to a file.
@@ -370,9 +264,9 @@ class Camera:
         OptionError
             If the suffix says no format, or the format cannot hold this camera.
         """
-        from .formats import save_camera
+        from . import files
 
-        save_camera(self, path, format=format)
+        files.write(self, path, format=format)
 
 
 def _points(points: Any) -> tuple[NDArray[np.float64], np.dtype[Any]]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from .._extras import require
 from ..errors import FormatError, OptionError
-from .model import Camera
+from .intrinsics import Intrinsics
 
 # Nesting beyond this is not a camera's: it is refused before the parser recurses.
 _DEPTH = 20
@@ -75,7 +75,7 @@ def _number(value: float) -> str:
     return text if "." in text else text.replace("e", ".0e")
 
 
-def ros_text(camera: Camera, name: str) -> str:
+def ros_text(camera: Intrinsics, name: str) -> str:
     """Write ROS camera_info, as camera_calibration does."""
     if camera.model == "fisheye":
         lens, coefficients = "equidistant", camera.distortion or (0.0,) * 4
@@ -110,7 +110,7 @@ def _matrix(name: str, rows: int, cols: int, data: Any) -> str:
     return f"{name}:\n  rows: {rows}\n  cols: {cols}\n  data: {_numbers(data)}"
 
 
-def kalibr_text(camera: Camera) -> str:
+def kalibr_text(camera: Intrinsics) -> str:
     """Write a kalibr camchain with this one camera, cam0."""
     coefficients = camera.distortion or (0.0,) * 4
     if camera.model == "fisheye":

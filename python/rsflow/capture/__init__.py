@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
-from .stream import Frame, Frames, FrameSource, Timestamps, frames
+from .opening import frames
+from .reader import Timestamps
+from .stream import Frame, Frames, FrameSource
 
 __all__ = ["Frame", "FrameSource", "Frames", "Timestamps", "frames"]

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import glob
 import math
 import os
-import re
 import stat
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -18,19 +16,12 @@ from .._checks import number, path
 from ..errors import CaptureError, DTypeError, OptionError
 from ..io.limits import kind_of
 from ..io.picture_headers import picture_kind
+from ..io.picture_names import PICTURES, matches, natural_key
 from .pages import PagesReader, PictureFile, read_picture
 from .reader import Raw, Reader, Timestamps
 from .stream import Frame, Frames
 
-_PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".pnm", ".webp", ".jp2", ".exr", ".hdr")
 _LIVE_SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "udp", "rtp", "srt", "tcp", "mms")
-_NUMBERED = re.compile(r"%0?\d*d")
-
-
-def natural_key(path: Path) -> tuple[tuple[int, int | str], ...]:
-    """Sort key that puts img2 before img10."""
-    parts = re.split(r"(\d+)", path.name)
-    return tuple((0, int(part)) if part.isdigit() else (1, part.casefold()) for part in parts if part)
 
 
 def open_source(
@@ -112,9 +103,9 @@ def _open_path(text: str, limit: int) -> Reader:
     except OSError as error:
         raise CaptureError(f"{text[:200]}: cannot be read: {error.strerror or error}") from None
     if stat.S_ISDIR(mode):
-        found = [item for item in path.iterdir() if item.suffix.lower() in _PICTURES and not item.name.startswith(".")]
+        found = [item for item in path.iterdir() if item.suffix.lower() in PICTURES and not item.name.startswith(".")]
         if not found:
-            raise CaptureError(f"{text}: the folder holds no picture ({', '.join(_PICTURES)})")
+            raise CaptureError(f"{text}: the folder holds no picture ({', '.join(PICTURES)})")
         return _pictures(sorted(found, key=natural_key), text, limit)
     if not stat.S_ISREG(mode):
         raise CaptureError(f"{text}: got {kind_of(mode)}, expected a file, a folder or a camera (/dev/video...)")
@@ -126,14 +117,14 @@ def _open_path(text: str, limit: int) -> Reader:
 def _open_pattern(text: str, limit: int) -> Reader:
     from .video import VideoReader
 
-    matches = _matches(text)
-    if matches is None:
+    found = matches(text)
+    if found is None:
         raise CaptureError(f"{text}: no such file or folder")
-    if not matches:
+    if not found:
         raise CaptureError(f"{text}: no file matches")
-    if len(matches) == 1 and not _is_picture(matches[0]):
-        return VideoReader(str(matches[0]), limit)
-    return _pictures(matches, text, limit)
+    if len(found) == 1 and not _is_picture(found[0]):
+        return VideoReader(str(found[0]), limit)
+    return _pictures(found, text, limit)
 
 
 def _is_picture(path: Path) -> bool:
@@ -141,7 +132,7 @@ def _is_picture(path: Path) -> bool:
 
     FFmpeg reads GIF, with its times; what begins as a JPEG may be a stream of them.
     """
-    if path.suffix.lower() in _PICTURES:
+    if path.suffix.lower() in PICTURES:
         return True
     if path.suffix.lower() in (".gif", ".apng"):
         return False
@@ -160,20 +151,6 @@ def _picture_source(path: Path, limit: int) -> Reader:
     """Give the reader of one picture file: of its pages where it has several."""
     file = PictureFile(path, limit)
     return PagesReader(file) if len(file.header.pages) > 1 else PictureReader([path], str(path), limit, file.picture())
-
-
-def _matches(pattern: str) -> list[Path] | None:
-    """Files that match a glob or a numbered pattern, in natural order; None where `pattern` is neither."""
-    numbered = _NUMBERED.search(pattern)
-    if numbered:
-        head, tail = pattern[: numbered.start()], pattern[numbered.end() :]
-        names = glob.glob(glob.escape(head) + "*" + glob.escape(tail))  # noqa: PTH207
-        names = [name for name in names if name[len(head) : len(name) - len(tail)].isdigit()]
-    elif glob.has_magic(pattern):
-        names = glob.glob(pattern, recursive=True)  # noqa: PTH207
-    else:
-        return None
-    return sorted((Path(name) for name in names if Path(name).is_file()), key=natural_key)
 
 
 class PictureReader:

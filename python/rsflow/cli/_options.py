@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from argparse import _ActionsContainer as Arguments
 
     from rsflow._results.folder import Identity
-    from rsflow.capture.stream import Frames
+    from rsflow.capture import Frames
 
 __all__ = [
     "add_illumination",

@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Extract from all; print the table."""
-    from rsflow.batch.run import BatchItem, extract_many
+    from rsflow.batch import BatchItem, extract_many
 
     total = len(args.sources)
     done = 0

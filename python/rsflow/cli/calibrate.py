@@ -90,9 +90,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate, print, and write what was asked for."""
-    from rsflow.calibration.estimate import calibrate
+    from rsflow.calibration import calibrate
     from rsflow.camera.formats import format_of
-    from rsflow.capture.stream import frames
+    from rsflow.capture import frames
 
     if args.output is not None:
         # Before the work, not after it.
@@ -163,7 +163,8 @@ def _progress(source: Any) -> Callable[[View, int], bool | None]:
     """Say of each view whether the board was found, and where it has not been yet."""
     import numpy as np
 
-    from rsflow.calibration.report import add_coverage, empty_places
+    from rsflow.calibration.figures import add_coverage
+    from rsflow.calibration.report import empty_places
 
     counts: NDArray[np.int64] = np.zeros((6, 8), np.int64)
 

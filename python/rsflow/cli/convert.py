@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     source, target = Path(args.source), Path(args.target)
     Inputs(files=[source]).refuse([target])
     if source.suffix.lower() in _CAMERA_SUFFIXES:
-        from rsflow.camera.model import Camera
+        from rsflow.camera import Camera
 
         if target.suffix.lower() not in _CAMERA_SUFFIXES and args.camera_format is None:
             raise OptionError(f"{source} is a camera file: expected {', '.join(_CAMERA_SUFFIXES)}, got {target.name!r}")
@@ -49,11 +49,11 @@ def run(args: argparse.Namespace) -> int:
     uv = read_flow(source)
     suffix = target.suffix.lower()
     if suffix in (".jpg", ".jpeg"):
-        from rsflow.plotting.quiver_plot import flow_to_color
+        from rsflow.plotting import flow_to_color
 
         flow_to_color(uv, max_flow=args.max_flow, legend=True, path=target)
     elif suffix == ".svg":
-        from rsflow.plotting.quiver_plot import quiver
+        from rsflow.plotting import quiver
 
         quiver(uv, path=target)
     elif suffix in FLOW_SUFFIXES:

@@ -167,7 +167,7 @@ def _row(
 def run(args: argparse.Namespace) -> int:
     """Make, extract, compare."""
     from rsflow._results.folder import Identity, ResultFolder
-    from rsflow.extraction.outputs import NAMES
+    from rsflow.extraction.file_names import NAMES
 
     identity = Identity.of([], {"frames": args.frames, "seed": args.seed})
     names = ("input/flight.avi", "input/camera.json", *NAMES.values())
@@ -214,7 +214,7 @@ def write_flight(flight: Flight, video: Path, camera: Path) -> None:
     A video that loses detail, as H.264 does, costs more accuracy than all that is in the flight: 0.07 px a frame at
     high quality.
     """
-    from rsflow.video.writer import write_lossless
+    from rsflow.video import write_lossless
 
     write_lossless(video, flight.images, frame_rate=RATE_HZ)
     flight.camera.save(camera)

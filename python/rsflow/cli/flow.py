@@ -27,9 +27,9 @@ from rsflow.errors import OptionError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rsflow.capture.stream import Frame
+    from rsflow.capture import Frame
     from rsflow.flow import DenseFlow, FlowField
-    from rsflow.plotting.quiver_plot import QuiverStyle
+    from rsflow.plotting import QuiverStyle
 
 DESCRIPTION = """\
 Measure where every pixel went: from PREV to NEXT, or from frame to frame of a SOURCE (a video, a folder or glob of
@@ -137,7 +137,7 @@ def _pair(args: argparse.Namespace) -> int:
 
 
 def _only(path: str) -> Frame:
-    from rsflow.capture.stream import frames
+    from rsflow.capture import frames
 
     with frames(path, color=True, stop=1) as source:
         return next(iter(source))
@@ -161,10 +161,10 @@ def _pairs(
 
 def _sequence(args: argparse.Namespace) -> int:
     from rsflow._results.folder import ResultFolder
-    from rsflow.capture.stream import frames
+    from rsflow.capture import frames
     from rsflow.capture.too_few import expect_range, too_few
     from rsflow.io.flow_files import FLOW_SUFFIXES, write_flow
-    from rsflow.video.writer import VideoWriter
+    from rsflow.video import VideoWriter
 
     stride, suffix = 1 if args.stride is None else args.stride, args.format or "flo"
     if args.output:
@@ -248,7 +248,7 @@ def _refuse_inputs(args: argparse.Namespace, suffix: str) -> None:
 
 def _fitted(args: argparse.Namespace, fields: list[FlowField]) -> dict[str, Any]:
     """Choose the scale of a clip once."""
-    from rsflow.plotting.quiver_plot import QuiverStyle, fitted_max_flow
+    from rsflow.plotting import QuiverStyle, fitted_max_flow
 
     listed: list[Any] = list(fields)
     if args.style == "arrows":
@@ -265,7 +265,7 @@ def _draw(
     max_flow: float | None = None,
     path: str | None = None,
 ) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    from rsflow.plotting.quiver_plot import flow_over_picture, flow_to_color, quiver
+    from rsflow.plotting import flow_over_picture, flow_to_color, quiver
 
     picture = frame.image if frame.color is None else frame.color
     if args.style == "arrows":

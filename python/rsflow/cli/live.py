@@ -113,7 +113,7 @@ class _Window:
         self._cv2: Any = cv2
 
     def show(self, reading: LiveReading) -> bool:
-        from rsflow.plotting.quiver_plot import quiver
+        from rsflow.plotting import quiver
 
         image = reading.image
         height, width = image.shape[:2]

@@ -7,6 +7,7 @@ import contextlib
 import json
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rsflow.cli._options import (
     add_mask,
@@ -19,6 +20,10 @@ from rsflow.cli._options import (
     mask_of,
     tell_notes,
 )
+
+if TYPE_CHECKING:
+    from rsflow.capture import Frame
+    from rsflow.segmentation import MotionSegmentation
 
 DESCRIPTION = """\
 Tell what moves from what stands still in a SOURCE (a video, a folder or glob of pictures, a camera's index, a URL).
@@ -57,13 +62,13 @@ def run(args: argparse.Namespace) -> int:
 
     from rsflow._results.folder import ResultFolder
     from rsflow._results.inputs import Inputs
-    from rsflow.capture.masks import expect_size, share
-    from rsflow.capture.stream import frames
+    from rsflow.capture import frames
+    from rsflow.capture.masks import expect_size
     from rsflow.capture.too_few import expect_range, too_few
     from rsflow.plotting.drawing import save_picture
+    from rsflow.segmentation import MotionSegmenter
     from rsflow.segmentation.objects import ObjectTable
-    from rsflow.segmentation.segmenter import MotionSegmenter
-    from rsflow.video.writer import VideoWriter
+    from rsflow.video import VideoWriter
 
     out = Path(args.output)
     mask = mask_of(args.mask)
@@ -77,14 +82,7 @@ def run(args: argparse.Namespace) -> int:
     count, seen = 0, set()
     with contextlib.ExitStack() as stack:
         source = stack.enter_context(
-            frames(
-                args.source,
-                color=True,
-                start=args.start,
-                stop=args.stop,
-                stride=args.stride,
-                frame_rate=args.rate,
-            )
+            frames(args.source, color=True, start=args.start, stop=args.stop, stride=args.stride, frame_rate=args.rate)
         )
         stack.callback(tell_notes, "segment", source)
         expect_range(source)
@@ -118,18 +116,7 @@ def run(args: argparse.Namespace) -> int:
                 count += 1
                 seen |= {thing.id for thing in result.objects}
                 if args.json:
-                    print(
-                        json.dumps(
-                            {
-                                "frame": frame.index,
-                                "t_s": t_s,
-                                "status": result.status,
-                                "camera_model": result.camera_model,
-                                "moving_share": share(result.moving, result.mask),
-                                "objects": [thing.id for thing in result.objects],
-                            }
-                        )
-                    )
+                    print(json.dumps(_line(frame, result)))
         except KeyboardInterrupt:
             # What is finished is kept.
             folder.record()
@@ -146,3 +133,17 @@ def run(args: argparse.Namespace) -> int:
             f"{out / 'objects.csv'}"
         )
     return 0
+
+
+def _line(frame: Frame, result: MotionSegmentation) -> dict[str, Any]:
+    """Give what is told of a frame with ``--json``."""
+    from rsflow.capture.masks import share
+
+    return {
+        "frame": frame.index,
+        "t_s": frame.t_s if math.isfinite(frame.t_s) else None,
+        "status": result.status,
+        "camera_model": result.camera_model,
+        "moving_share": share(result.moving, result.mask),
+        "objects": [thing.id for thing in result.objects],
+    }

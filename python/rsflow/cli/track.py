@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from rsflow.tracking.points import Tracks
+    from rsflow.tracking import Tracks
 
 DESCRIPTION = """\
 Track points through a sequence: corners are found, followed with persistent ids, and replaced when they are lost.
@@ -181,7 +181,7 @@ class _Trails:
         import cv2
         import numpy as np
 
-        from rsflow.tracking.points import PointStatus
+        from rsflow.tracking import PointStatus
 
         if cut:
             self._trails.clear()

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rsflow.cli._options import add_mask, add_overwrite, add_range, add_rate, identity_of, mask_of, source_of
+from rsflow.errors import OptionError
 
 if TYPE_CHECKING:
     from rsflow._results.folder import ResultFolder
-    from rsflow.capture.stream import Frames
+    from rsflow.capture import Frames
+    from rsflow.velocity import Heights
 
 DESCRIPTION = """\
 Measure how fast a camera travels over flat ground, and what the figures are worth.
@@ -106,36 +108,23 @@ def run(args: argparse.Namespace) -> int:
             raise KeyboardInterrupt
         if len(rows) < 2 and not interrupted and broken is None:
             raise too_few(sequence, len(rows))
-        if heights is not None and not any(math.isfinite(row["height_m"]) for row in rows) and broken is None:
-            raise rsflow.OptionError(
-                f"--height-csv: {args.height_csv} has {heights.span}, the frames from {rows[0]['frame']} to "
-                f"{rows[-1]['frame']} are at times from {rows[0]['t_s']:g} to {rows[-1]['t_s']:g} s: none has a height"
-            )
+        if heights is not None and broken is None:
+            _expect_a_height(heights, rows, args.height_csv)
         result.record()
         write_velocity_csv(table, rows)
         note = _plotted(picture, rows, str(args.source))
         result.finish([table] if note is not None else [table, picture])
     pauses = () if heights is None else heights.notes
     notes = [text for text in (*sequence.notes, *pauses, scaled, not_stated(unstated)) if text]
-    summary = (
-        _summary(rows)
-        | as_json(trajectory.figures())
-        | {
-            "std_without": list(unstated),
-            "notes": notes,
-            "csv": str(table),
-            "plot": str(picture) if note is None else None,
-        }
-    )
+    summary = _summary(rows) | as_json(trajectory.figures()) | {"std_without": list(unstated), "notes": notes}
+    summary |= {"csv": str(table), "plot": str(picture) if note is None else None}
     if args.json:
         print(json.dumps(summary, indent=2))
     else:
         _show(summary, budget)
-    without = sum(row["status"] == "no_height" for row in rows)
-    if heights is not None and without:
-        print(
-            f"rsflow velocity: {without} frames have no height: {args.height_csv} has {heights.span}", file=sys.stderr
-        )
+    if heights is not None and "no_height" in summary["status"]:
+        without = f"{summary['status']['no_height']} frames have no height: {args.height_csv} has {heights.span}"
+        print(f"rsflow velocity: {without}", file=sys.stderr)
     if note is not None:
         print(f"rsflow velocity: no plot: {note}", file=sys.stderr)
     if broken is not None:
@@ -155,6 +144,16 @@ def _folder(args: argparse.Namespace, source: int | str, sequence: Frames, files
     Inputs(source, files=(args.camera, args.height_csv, args.mask)).refuse(files)
     identity = identity_of(source, args, files=("camera", "height_csv", "mask"))
     return ResultFolder(files[0].parent, "velocity", [path.name for path in files], identity, overwrite=args.overwrite)
+
+
+def _expect_a_height(heights: Heights, rows: list[dict[str, Any]], path: str) -> None:
+    """Raise OptionError where no frame has a height."""
+    if not any(math.isfinite(row["height_m"]) for row in rows):
+        first, last = rows[0], rows[-1]
+        raise OptionError(
+            f"--height-csv: {path} has {heights.span}, the frames from {first['frame']} to {last['frame']} are at "
+            f"times from {first['t_s']:g} to {last['t_s']:g} s: none has a height"
+        )
 
 
 def _plotted(path: Path, rows: list[dict[str, Any]], title: str) -> str | None:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import __version__
 from ..errors import FormatError, RsflowError
 from ..io.atomic import writing
 from .state import decode, encode
@@ -54,8 +55,6 @@ class Schedule:
 def versions() -> dict[str, str]:
     """Give what must be the same for the rest of a run to be as if it had not been interrupted."""
     import cv2
-
-    from .. import __version__
 
     return {"rsflow": __version__, "OpenCV": cv2.__version__, "numpy": np.__version__}
 

@@ -10,9 +10,8 @@ from typing import Any
 
 from .._results.folder import Identity, expect_own, expect_plain, read_json
 from .._results.inputs import Inputs
-from .outputs import NAMES
+from .file_names import NAMES, partial_name
 from .settings import ExtractSettings
-from .tables import partial_name
 from .workspace import identities
 
 __all__ = ["Claim", "input_files", "written_names"]

@@ -13,15 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._core import __version__, build_info, get_num_threads
 from ..io.atomic import writing
 from ..velocity.result import not_stated
-from .outputs import NAMES, remove_partial
+from .file_names import NAMES, partial_name
+from .outputs import remove_partial
 from .probe import STILL_PX
 from .report import LASTING_FRAMES, build
 from .report_page import page
 from .result import Extraction
 from .summary import as_json, key_figures, text
-from .tables import partial_name
 
 if TYPE_CHECKING:
     from .outputs import Outputs
@@ -89,8 +90,6 @@ def _png(picture: Any) -> bytes:
 def _summary(
     outputs: Outputs, pipeline: Pipeline, ending: Ending, complete: bool, trouble: Exception | None
 ) -> dict[str, Any]:
-    from .. import __version__, build_info, get_num_threads
-
     series, stream = outputs.series, outputs.stream
     figures = key_figures(series["motion"], series.get("velocity"), series.get("trajectory"))
     if "velocity" in series:

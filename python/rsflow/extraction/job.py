@@ -163,7 +163,7 @@ def extract(
     overwrite, resume = _checks.flag("overwrite", overwrite), _checks.flag("resume", resume)
     if on_frame is not None:
         _checks.function("on_frame", on_frame, 1)
-    from ..capture.stream import frames
+    from ..capture.opening import frames
 
     options: dict[str, Any] = {"color": True, "roi": roi, "stop": stop, "stride": stride, "frame_rate": frame_rate}
     with frames(source, start=start, **options) as stream:

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 from ..io.atomic import remove_leftovers
 from .checkpoint import Draft, Saved, Schedule, versions
 from .columns import MOTION, OBJECTS, TRAJECTORY, VELOCITY, WORDS
+from .file_names import NAMES, partial_name
 from .series import Series
-from .tables import CsvTable, partial_name
+from .tables import CsvTable
 from .trajectory import Trajectory
 from .views import Views
 from .workspace import PARKED, Grown, Workspace, remove_killed
@@ -25,21 +26,8 @@ if TYPE_CHECKING:
     from .pipeline import Measured
     from .settings import ExtractSettings
 
-__all__ = ["NAMES", "Outputs"]
+__all__ = ["Outputs", "remove_partial"]
 
-# Every file that an extraction may leave, by what it holds.
-NAMES = {
-    "report": "report.html",
-    "motion": "motion.csv",
-    "objects": "objects.csv",
-    "velocity": "velocity.csv",
-    "trajectory": "trajectory.csv",
-    "flow": "flow.mp4",
-    "moving": "moving.mp4",
-    "static": "static.mp4",
-    "background": "background.png",
-    "summary": "summary.json",
-}
 
 _TABLES = {"motion": MOTION, "objects": OBJECTS, "velocity": VELOCITY, "trajectory": TRAJECTORY}
 

@@ -66,7 +66,7 @@ class Pipeline:
     """The estimators of one extraction, fed frame by frame in two steps with the probe's decision between."""
 
     def __init__(self, settings: ExtractSettings, stream: Any, *, whole: bool = True) -> None:
-        from .. import DenseFlow
+        from ..flow import DenseFlow
 
         self.settings, self.stream = settings, stream
         # Read before the first frame: a wrong file must fail before anything is written.
@@ -103,7 +103,7 @@ class Pipeline:
 
     def measure(self, frame: Any) -> tuple[Any, Any]:
         """First step: displacement and dense flow since the frame before, None for the first."""
-        from .. import estimate_shift
+        from ..shift import estimate_shift
 
         if self._prev is None and self.settings.height_m is not None:
             self._open_velocity()
@@ -144,7 +144,7 @@ class Pipeline:
         return arrow_style([flow for _, flow in told], width)
 
     def _new_segmenter(self) -> MotionSegmenter:
-        from .. import MotionSegmenter
+        from ..segmentation import MotionSegmenter
 
         return MotionSegmenter(camera_motion=self.decision.motion, mask=self.mask)
 

@@ -60,7 +60,7 @@ def camera_motion(pairs: Sequence[tuple[Any, Any]]) -> CameraDecision:
 
 def arrow_style(flows: Sequence[Any], width: int) -> Any:
     """Give the `QuiverStyle` of the whole clip, fitted to its first flows."""
-    from ..plotting.quiver_plot import QuiverStyle
+    from ..plotting import QuiverStyle
 
     known = [flow.uv[flow.valid] for flow in flows if flow is not None and flow.valid.any()]
     if not known:

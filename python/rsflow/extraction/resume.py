@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from .._results.folder import read_json
 from ..errors import FormatError, OptionError
 from .checkpoint import Saved, restoring, versions
-from .outputs import NAMES
+from .file_names import NAMES
 from .result import Extraction
 from .workspace import unfinished
 

@@ -19,7 +19,7 @@ _MADE_ANEW = frozenset({"_flow", "_fixed", "_shared_lock"})
 
 
 def _classes() -> dict[str, type]:
-    from ..plotting.quiver_plot import QuiverStyle
+    from ..plotting import QuiverStyle
     from ..segmentation.background import Background, _Kept
     from ..segmentation.foreground import Outline
     from ..segmentation.objects import ObjectTracker, _Track

@@ -11,14 +11,10 @@ from pathlib import Path
 from types import TracebackType
 
 from ..io.atomic import Working, remove_leftovers
+from .file_names import partial_name
 from .workspace import Grown, remove_killed, unfinished
 
-__all__ = ["CsvTable", "cell", "discard_working", "partial_name"]
-
-
-def partial_name(path: Path) -> Path:
-    """Name under which the unfinished result for `path` is kept: ``motion.csv`` gives ``motion.partial.csv``."""
-    return path.with_name(f"{path.stem}.partial{path.suffix}")
+__all__ = ["CsvTable", "cell", "discard_working"]
 
 
 def cell(value: object) -> str:

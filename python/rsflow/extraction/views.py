@@ -221,8 +221,8 @@ class Views:
 
     def _arrows(self, flow: Any, before: Any) -> NDArray[np.uint8]:
         """Draw the arrows; only the pixels where one stands are looked at."""
+        from ..plotting import quiver
         from ..plotting.arrows import grid
-        from ..plotting.quiver_plot import quiver
 
         height, width = flow.valid.shape
         points = grid(height, width, self.style.step)
@@ -250,7 +250,7 @@ class Views:
         return None
 
     def _bare(self, frame: Any) -> NDArray[np.uint8]:
-        from ..plotting.quiver_plot import quiver
+        from ..plotting import quiver
 
         nothing = np.zeros((0, 2), np.float32)
         return quiver(nothing, picture=frame.color, points=nothing, style=self.style)

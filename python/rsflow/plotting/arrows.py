@@ -13,7 +13,7 @@ from . import drawing
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .quiver_plot import QuiverStyle
+    from .style import QuiverStyle
 
 # On the screen, in pixels of the enlarged picture.
 _SHORTEST = 2.5

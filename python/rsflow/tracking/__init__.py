@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from .points import Illumination, PointStatus, PointTracker, Tracks, detect_corners, track_points
+from .._checks.knobs import Illumination
+from .points import detect_corners, track_points
+from .result import PointStatus, Tracks
 from .table import TrackTable
+from .tracker import PointTracker
 
 __all__ = ["Illumination", "PointStatus", "PointTracker", "TrackTable", "Tracks", "detect_corners", "track_points"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import os
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,7 @@ from numpy.typing import NDArray
 from .. import _checks
 from .._extras import require
 from ..io.atomic import writing
-
-if TYPE_CHECKING:
-    from .points import Tracks
+from .result import PointStatus, Tracks
 
 __all__ = ["TrackTable"]
 
@@ -84,8 +81,6 @@ class TrackTable:
         t_s, dt_s : float
             Its time, and the time since the frame before, in seconds; NaN where unknown.
         """
-        from .points import PointStatus, Tracks
-
         _checks.instance("tracks", tracks, Tracks, "the Tracks of a PointTracker")
         frame = _checks.integer("frame", frame)
         t_s = _checks.number("t_s", t_s, of="seconds", or_nan=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import numbers
 from typing import Any, ClassVar
 
@@ -14,7 +13,7 @@ from .._rotation import rotation_matrix
 from .._shared import Shared, alone, anew
 from ..camera.model import Camera
 from ..errors import DTypeError, OptionError, ShapeError
-from . import plane
+from . import budget, plane
 from .ground_flow import GroundFlow, centers, follow, overlap
 from .result import Velocity, VelocityStatus, unmeasured
 
@@ -24,6 +23,11 @@ F64 = NDArray[np.float64]
 
 # Beyond this a length in metres, or a rate, is no measurement, and its square no number.
 _MOST = 1e12
+# The fewest points that a velocity is fitted to: twice the unknowns of the largest model, and a few to judge it by.
+_LEAST_POINTS = 6
+# Deviation in pixels of what all points of a pair have in common, since all lie at one sub-pixel phase: the error of
+# interpolation does not average out. Measured on flights over the finest texture.
+_COMMON_PX = 0.001
 
 
 class VelocityEstimator(Shared):
@@ -250,7 +254,7 @@ class VelocityEstimator(Shared):
         if interval.height_m <= 0 or 2 * ground.sum() < seen.sum() or ground.sum() < _LEAST_POINTS:
             return unmeasured(VelocityStatus.NO_GROUND, t_s, interval.dt_s, moved)
         flow = flow.only(ground)
-        spread = self._in_rays(flow.after, flow.covariance)
+        spread = budget.in_rays(self.camera, flow.after, flow.covariance)
         shared = overlap(flow.before, flow.window)
         fit = plane.fit(self._points(flow, spread), interval, overlap=shared)
         if fit is not None and (len(fit.terms) > 2 or interval.turn.any()):
@@ -268,12 +272,16 @@ class VelocityEstimator(Shared):
             return unmeasured(status, t_s, interval.dt_s, moved)
         common = np.array([_COMMON_PX / self.camera.fx, _COMMON_PX / self.camera.fy, 0.0])
         displacement = fit.covariance + np.diag((common * interval.height_m / interval.dt_s) ** 2)
-        parts = {"displacement": displacement, **self._parts(self._rays(flow), spread, interval, fit, height_std)}
+        measured = budget.Measured(self._rays(flow), spread, interval, fit)
+        parts = {"displacement": displacement}
+        if self.height_std_m is not None:
+            parts["height"] = budget.of_height(measured, height_std)
+        parts |= budget.of_camera(self.camera, measured)
         if rate is not None and self.rate_std_rad_s:
-            parts["gyro"] = self._gyro(self._rays(flow), spread, interval, fit)
+            parts["gyro"] = budget.of_gyro(measured, self.rate_std_rad_s)
         R = self.R_body_from_camera
         # An infinite variance of Vz must stay infinite, and must not make NaN of the others, under the rotation.
-        parts = {name: _rotated(R, part) for name, part in parts.items()}
+        parts = {name: budget.rotated(R, part) for name, part in parts.items()}
         velocity = R @ np.where(np.isfinite(fit.velocity), fit.velocity, 0.0)
         velocity[np.isinf(np.diag(parts["displacement"]))] = np.nan
         arm = np.cross(np.full(3, np.nan) if rate is None else rate, self.lever_arm_m)
@@ -316,88 +324,6 @@ class VelocityEstimator(Shared):
     def _points(self, flow: GroundFlow, spread: F64) -> plane.Points:
         rays = self._rays(flow)
         return plane.Points(rays[0], rays[1], spread)
-
-    def _in_rays(self, pixels: F64, covariance: F64) -> F64:
-        """Covariances (N, 2, 2) in pixels as covariances in normalised coordinates."""
-        step = 0.5
-        columns = []
-        for axis in (0, 1):
-            offset = np.zeros(2)
-            offset[axis] = step
-            ahead, back = (self.camera.undistort_points(pixels + s * offset, normalized=True) for s in (1.0, -1.0))
-            columns.append((ahead - back) / (2 * step))
-        jacobian = np.stack(columns, axis=2)
-        plain = np.broadcast_to(np.diag([1.0 / self.camera.fx, 1.0 / self.camera.fy]), jacobian.shape)
-        jacobian = np.where(np.isfinite(jacobian).all(axis=(1, 2), keepdims=True), jacobian, plain)
-        return np.asarray(jacobian @ covariance @ jacobian.transpose(0, 2, 1), dtype=np.float64)
-
-    @staticmethod
-    def _speeds(rays: F64, spread: F64, interval: plane.Interval, fit: plane.PlaneFit) -> F64:
-        """Velocity (3,) with weights and terms held, for the change under another camera; NaN for what is not in it."""
-        velocity = np.full(3, np.nan)
-        solution = plane.solve(plane.Points(rays[0], rays[1], spread), interval, fit.terms, fit.weights)
-        if solution is not None:
-            for value, name in zip(solution.values, fit.terms, strict=True):
-                if name != "yaw":
-                    velocity[("vx", "vy", "vz").index(name)] = value
-        return velocity
-
-    def _parts(
-        self, rays: F64, spread: F64, interval: plane.Interval, fit: plane.PlaneFit, height_std: float
-    ) -> dict[str, F64]:
-        """Add up what height, focal length and principal point give to the covariance, in the camera's axes."""
-        known = np.where(np.isfinite(fit.velocity), fit.velocity, 0.0)
-        # Every velocity is proportional to the height.
-        share = height_std / interval.height_m
-        parts = {} if self.height_std_m is None else {"height": np.outer(known, known) * share**2}
-        camera, std = self.camera, self.camera.std
-        if not any(std.get(name, 0.0) for name in ("fx", "fy", "cx", "cy")):
-            return parts
-        here = self._speeds(rays, spread, interval, fit)
-        for title, names in (("focal length", ("fx", "fy")), ("principal point", ("cx", "cy"))):
-            total = np.zeros((3, 3))
-            for axis, name in enumerate(names):
-                deviation = float(std.get(name, 0.0))
-                other = rays.copy()
-                if title == "focal length":
-                    other[..., axis] *= getattr(camera, name) / (getattr(camera, name) + deviation)
-                else:
-                    other[..., axis] -= deviation / (camera.fx, camera.fy)[axis]
-                change = np.nan_to_num(self._speeds(other, spread, interval, fit) - here)
-                total += np.outer(change, change)
-            parts[title] = total
-        return parts
-
-    def _gyro(self, rays: F64, spread: F64, interval: plane.Interval, fit: plane.PlaneFit) -> F64:
-        """Find what the noise of the rate, alike about each axis, gives to the covariance in the camera's axes."""
-        here = self._speeds(rays, spread, interval, fit)
-        total = np.zeros((3, 3))
-        for turn in np.eye(3) * ((self.rate_std_rad_s or 0.0) * interval.dt_s):
-            other = dataclasses.replace(interval, turn=interval.turn + turn)
-            change = np.nan_to_num(self._speeds(rays, spread, other, fit) - here)
-            total += np.outer(change, change)
-        return total
-
-
-# The fewest points that a velocity is fitted to: twice the unknowns of the largest model, and a few to judge it by.
-_LEAST_POINTS = 6
-# Deviation in pixels of what all points of a pair have in common, since all lie at one sub-pixel phase: the error of
-# interpolation does not average out. Measured on flights over the finest texture.
-_COMMON_PX = 0.001
-
-
-def _rotated(R: F64, covariance: F64) -> F64:
-    """R C R' where a variance of C may be infinite: what it reaches under R is infinite, the rest is not touched."""
-    unknown = np.isinf(np.diag(covariance))
-    if not unknown.any():
-        return np.asarray(R @ covariance @ R.T, dtype=np.float64)
-    finite = np.where(np.isfinite(covariance), covariance, 0.0)
-    finite[unknown, :] = finite[:, unknown] = 0.0
-    result = np.asarray(R @ finite @ R.T, dtype=np.float64)
-    for axis in np.flatnonzero((np.abs(R[:, unknown]) > 1e-9).any(axis=1)):
-        result[axis, :] = result[:, axis] = 0.0
-        result[axis, axis] = np.inf
-    return result
 
 
 def _vector(name: str, value: ArrayLike) -> F64:

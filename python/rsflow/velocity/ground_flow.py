@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..shift import estimate_shift
-from ..tracking.points import detect_corners, track_points
+from ..tracking import detect_corners, track_points
 
 F64 = NDArray[np.float64]
 # Takes pixels (N, 2) of the first frame and gives where a rotation alone puts them in the second; NaN behind.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from .._core import get_num_threads
 from ..io.fork_guard import OfProcess, opening
 from ..io.native_names import native_name
 
@@ -61,8 +62,6 @@ class AvSink(OfProcess):
         with opening:
             import av
             import cv2
-
-        from .. import get_num_threads
 
         self._av = av
         self._cv2 = cv2
