@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import rsflow
-from rsflow.camera.capture import Frames
+from rsflow import Frames
 from rsflow.capture.live import LiveReader
 
 

@@ -1,4 +1,4 @@
-"""Grey, colour and region of interest of one picture, for `rsflow.camera.capture`."""
+"""Grey, colour and region of interest of one picture, for `rsflow.frames`."""
 
 from __future__ import annotations
 

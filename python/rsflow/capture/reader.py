@@ -1,4 +1,4 @@
-"""What every kind of source gives to `rsflow.camera.capture`: one picture after the other, with time and number."""
+"""What every kind of source gives to `rsflow.frames`: one picture after the other, with time and number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of motion: arrows over the picture, and Middlebury's colours.
+"""Arrows over the picture.
 
 Every picture is blue, green, red uint8, as OpenCV reads and writes them. A scale is fixed over a clip by fitting it
 once (`QuiverStyle.fitted`, `fitted_max_flow`) and handing it to every call.

@@ -7,19 +7,16 @@ import functools
 import math
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .. import _checks
 from . import drawing
 from .flow_color import largest_motion, vectors_of
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ..io.flow_files import FlowLike
 
     Field = FlowLike | ArrayLike
-    Picture = NDArray[np.uint8]
 
 __all__ = ["QuiverStyle"]
 

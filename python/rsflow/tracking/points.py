@@ -1,4 +1,4 @@
-"""Points: where each went from one frame to the next, or through a sequence, and where to start them."""
+"""Points of a pair of frames: where to start them, and where each went."""
 
 from __future__ import annotations
 
