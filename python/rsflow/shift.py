@@ -1,4 +1,7 @@
-"""The displacement of one window, or of a whole frame, with its covariance."""
+"""The displacement of one window, or of a whole frame, with its covariance.
+
+docs/algorithms.md, section "Displacement of a window: estimate_shift".
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
 //! The lighting model: what may change between two frames besides motion.
+//!
+//! `docs/algorithms.md`, section "Light".
 
 use std::fmt;
 use std::str::FromStr;

@@ -2,6 +2,8 @@
 //!
 //! Outside of the picture the nearest pixel counts for bilinear sampling; the spline mirrors the picture at its border
 //! pixels, as its prefilter assumes. Unser, "Splines: a perfect fit for signal and image processing", 1999.
+//!
+//! `docs/algorithms.md`, section "Sampling and gradients".
 
 use crate::error::{Error, Result};
 use crate::frame::Plane;

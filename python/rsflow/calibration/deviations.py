@@ -6,6 +6,8 @@ leaves out a view at a time (Bell and McCaffrey 2002), one that leaves out a par
 to group together: Cameron, Gelbach and Miller 2011), and what they say more is added. A board that is hardly tilted
 leaves the focal length open in a way that no tangent shows, many coefficients the principal point: the fit is repeated
 with other values of these held, and the deviation widened to what the sum of squares allows.
+
+docs/algorithms.md, section "Calibration: calibrate".
 """
 
 from __future__ import annotations

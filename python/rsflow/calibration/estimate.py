@@ -1,4 +1,7 @@
-"""Camera calibration from pictures of a board, with deviations that hold and advice that can be followed."""
+"""Camera calibration from pictures of a board, with deviations that hold and advice that can be followed.
+
+docs/algorithms.md, section "Calibration: calibrate".
+"""
 
 from __future__ import annotations
 

@@ -4,6 +4,8 @@ A step that is missing is not a step of zero. It is taken from a second estimate
 else carried on between the measured steps before and after it. A second estimate is held against the steps that were
 measured, where both are known. What is carried on is an assumption, nothing constrains the motion in a gap: its
 deviation is that of a motion which may stop, turn round or go several times as fast, however smooth the rest is.
+
+docs/algorithms.md, section "The path, and how it drifts".
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The path of the camera over the ground, from its velocities."""
+"""The path of the camera over the ground, from its velocities.
+
+docs/algorithms.md, section "The path, and how it drifts".
+"""
 
 from __future__ import annotations
 

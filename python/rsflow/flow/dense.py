@@ -1,4 +1,7 @@
-"""Dense flow of a pair of frames, and of a sequence."""
+"""Dense flow of a pair of frames, and of a sequence.
+
+docs/algorithms.md, section "Dense flow: dense_flow".
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """What speaks for motion at each pixel of the current frame: residual flow and picture differences.
 
 Plain functions over arrays, so that each can be tested alone; `rsflow.segmentation` puts them together.
+
+docs/algorithms.md, section "What moves: MotionSegmenter".
 """
 
 from __future__ import annotations

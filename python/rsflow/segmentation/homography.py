@@ -2,6 +2,8 @@
 
 Translation, similarity, affine map or homography, chosen by Bayes' information criterion with a bounded loss, so that
 things which move on their own neither bend the model nor buy it more parameters.
+
+docs/algorithms.md, section "What moves: MotionSegmenter".
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 Against the motion of a plane, everything that stands still moves along lines through one point, the epipole (M. Irani
 and P. Anandan, "A unified approach to moving object detection in 2D and 3D scenes", PAMI 1998). What moves along such a
 line by itself cannot be told from depth.
+
+docs/algorithms.md, section "What moves: MotionSegmenter".
 """
 
 from __future__ import annotations

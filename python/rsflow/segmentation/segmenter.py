@@ -4,6 +4,8 @@ For each frame: the camera's own motion in the picture is fitted to the dense fl
 is tested against its own covariance; pictures tell which of the pixels near a motion edge belong to the thing that
 moves; regions are cleaned and followed over time. With a static camera what differs from the background, in light
 that may change, gives the outline.
+
+docs/algorithms.md, section "What moves: MotionSegmenter".
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Points of a pair of frames: where to start them, and where each went."""
+"""Points of a pair of frames: where to start them, and where each went.
+
+docs/algorithms.md, section "Points: track_points".
+"""
 
 from __future__ import annotations
 

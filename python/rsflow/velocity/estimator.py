@@ -1,4 +1,7 @@
-"""The estimator: frames in, velocities out."""
+"""The estimator: frames in, velocities out.
+
+docs/algorithms.md, section "Velocity over a plane: VelocityEstimator".
+"""
 
 from __future__ import annotations
 

@@ -8,6 +8,8 @@ the plane goes from normalised coordinates a to b. With Z its depth at the secon
 holds exactly, not only for small motion: h is the perpendicular distance from the plane at the second frame and d the
 unit vector straight down. It is the report's equation 2.10 with the y row mended, and the translational part of the
 interaction matrix of visual servoing (Chaumette and Hutchinson 2006, equation 11).
+
+docs/algorithms.md, section "Velocity over a plane: VelocityEstimator".
 """
 
 from __future__ import annotations

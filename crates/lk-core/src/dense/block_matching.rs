@@ -5,6 +5,8 @@
 //! windows of `prev` are sought in `next` by their normalised correlation, which does not mind a gain or an offset of the
 //! light. One that is found leads to its neighbours, which are sought near the same displacement; what few windows agree
 //! on is chance and is dropped. The flow is taken where it fits better.
+//!
+//! `docs/algorithms.md`, section "Large motion".
 
 use crate::error::Result;
 use crate::frame::Plane;

@@ -7,6 +7,8 @@
 //! constants are fitted to photographs under 18 kinds of motion, light and noise (`docs/dense_flow_record.md`).
 //!
 //! All of it is found in cells of 4 x 4 and blocks of 8 x 8 pixels.
+//!
+//! `docs/algorithms.md`, section "Covariance of dense flow".
 
 use crate::error::Result;
 use crate::execution::Execution;

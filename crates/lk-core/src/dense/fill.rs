@@ -3,6 +3,8 @@
 //! Steps leave windows without texture where they began, and smoothness fills them in slowly, as it takes the border of what
 //! moves for an edge of motion. They take the flow of the nearest windows that say something, averaged over ever larger
 //! squares until one does (push and pull; Gortler, Grzeszczuk, Szeliski and Cohen 1996), relative to the trend.
+//!
+//! `docs/algorithms.md`, section "Windows that say nothing".
 
 use crate::error::Result;
 use crate::memory::resize;

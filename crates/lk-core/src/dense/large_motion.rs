@@ -3,6 +3,8 @@
 //! The coarsest level sees a few pixels of motion at most, and what is as small as that motion is not seen there at all.
 //! Where most windows are left without a match, the displacements of the whole picture and of its tiles are tried on the
 //! level of about 100 pixels, and each pixel keeps the one that fits it best.
+//!
+//! `docs/algorithms.md`, section "Large motion".
 
 use crate::displacement_hypotheses::Hypotheses;
 use crate::error::Result;

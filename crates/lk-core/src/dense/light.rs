@@ -4,6 +4,8 @@
 //! where large windows are cheap. `prev` is then given the light of `next`, so that what remains for the small windows
 //! of the flow is an offset. A ratio of deviations, unlike a regression, is not drawn to zero where the flow is not yet
 //! right.
+//!
+//! `docs/algorithms.md`, section "Slow light".
 
 use crate::error::Result;
 use crate::execution::Execution;

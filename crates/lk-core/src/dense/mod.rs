@@ -18,6 +18,8 @@
 //!
 //! Damping and thresholds are in grey levels of 0..255: both frames of a pair are multiplied by the power of two that
 //! the range of `prev` asks for ([`GreyRange::scale`]), and what is reported in grey levels is divided by it.
+//!
+//! `docs/algorithms.md`, section "Dense flow: dense_flow".
 
 /// Evaluate the expression with the constant `$size` for the side of windows of this radius, 1 to 3.
 macro_rules! by_radius {

@@ -1,4 +1,6 @@
 //! Presets of dense flow, and what stands behind them.
+//!
+//! `docs/algorithms.md`, section "Presets".
 
 use ndarray::{ArrayView2, ArrayView3};
 

@@ -1,6 +1,8 @@
 //! Shiftable windows: a pixel takes the flow of the neighbour whose window fits best.
 //!
 //! A window that straddles the edge of a moving thing mixes two motions; one a little to the side does not.
+//!
+//! `docs/algorithms.md`, section "A step".
 
 use crate::error::Result;
 use crate::execution::Execution;

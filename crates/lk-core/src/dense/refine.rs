@@ -9,6 +9,8 @@
 //! most of the flow ([`trend`](super::trend)), so that a turn or a zoom is smooth. A round warps `next` anew, fixes the
 //! weights that psi gives, and relaxes the linear system ([`relax`](super::relax)), all in one pass over the rows: nothing
 //! but the flow itself is as large as the picture. [`half_round`](super::half_round) does the same for one pixel in 2 x 2.
+//!
+//! `docs/algorithms.md`, section "Refinement".
 #![allow(clippy::needless_range_loop, reason = "several arrays run along")]
 
 use crate::error::Result;

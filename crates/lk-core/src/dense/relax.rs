@@ -4,6 +4,8 @@
 //! Half-sweep `k` runs one row behind half-sweep `k - 1`, so that a few rows at a time are all that is kept, and in the
 //! cache. Rows are split into even and odd pixels: in each row one of the two is red. A half-sweep reads pixels that it
 //! does not write, so that threads cannot change a bit. At the border the picture is mirrored.
+//!
+//! `docs/algorithms.md`, section "Refinement".
 
 use std::ops::Range;
 

@@ -4,6 +4,8 @@
 //! The variance of a displacement is that of the noise over the smaller eigenvalue of the structure tensor and the pixels of
 //! the window that are independent; on a coarse level its pixels count as many times as much. Noise is read off the windows
 //! that fit best: what others are left with may be an error of the flow so far.
+//!
+//! `docs/algorithms.md`, section "Windows that say nothing".
 
 use crate::error::Result;
 use crate::frame::Plane;

@@ -5,6 +5,8 @@
 //! of sums are split: even pixels first, then odd ones. Two neighbours then share all but one column as two rows do.
 //! Every window is summed afresh, in an order that depends on the place of the pixel alone, so that the division into
 //! bands cannot change a bit.
+//!
+//! `docs/algorithms.md`, section "Windows and sums".
 
 use std::ops::Range;
 

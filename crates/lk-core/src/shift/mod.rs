@@ -3,6 +3,8 @@
 //! Both frames are sampled half a displacement towards each other, so that swapping them negates the result. Light may
 //! change by a gain and an offset that follow the place; they are unknowns of the same least squares. The gradients
 //! that weight the differences are smoothed, the differences are not, so that noise does not bias the result.
+//!
+//! `docs/algorithms.md`, section "Displacement of a window: estimate_shift".
 
 mod affine;
 mod aperture;

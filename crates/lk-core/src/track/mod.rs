@@ -4,6 +4,8 @@
 //! IJCAI 1981; J.-Y. Bouguet, "Pyramidal implementation of the affine Lucas Kanade feature tracker", 2001; the lighting
 //! is taken out of the template's gradients once, after G. Hager and P. Belhumeur, "Efficient region tracking with
 //! parametric models of geometry and illumination", PAMI 1998.
+//!
+//! `docs/algorithms.md`, section "Points: track_points".
 
 mod affine;
 mod consensus;

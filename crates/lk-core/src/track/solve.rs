@@ -1,4 +1,6 @@
 //! One point: down the levels.
+//!
+//! `docs/algorithms.md`, section "One window".
 
 use std::cell::Cell;
 

@@ -5,6 +5,8 @@
 //! level. Of those that explain the window as well, pixels further away that only one of two explains decide: the border
 //! of a board, a stain on a wall. What they say of one point holds for its neighbours on the same pattern too, as long as
 //! none says otherwise. A point is ambiguous unless all other displacements are excluded.
+//!
+//! `docs/algorithms.md`, section "Repetition".
 
 mod asking;
 mod evidence;
