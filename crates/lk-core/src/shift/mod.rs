@@ -57,8 +57,8 @@ const ONE_THREAD_PIXELS: usize = 1 << 14;
 ///
 /// # Errors
 ///
-/// [`Error::Shape`] if the frames or the mask differ in size, [`Error::Option`] if the options do not fit, and those of
-/// the execution.
+/// [`Error::Shape`](crate::Error::Shape) if the frames or the mask differ in size,
+/// [`Error::Option`](crate::Error::Option) if the options do not fit, and those of the execution.
 ///
 /// ```
 /// use lk_core::{Masks, ShiftOptions, estimate_shift};
