@@ -54,8 +54,10 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 	$(RUN) -m pip install --quiet --upgrade 'pip>=25.1'
 
+# A .venv of an earlier checkout may hold the package under its former name, whose files these would overwrite.
 # The package with all extras, built in release mode and installed as a user would.
 $(VENV)/.package: $(SOURCES) | $(VENV)/bin/python
+	$(RUN) -m pip uninstall --quiet --quiet --yes rsflow
 	$(RUN) -m pip install --quiet '.[all]'
 	@touch $@
 

@@ -253,7 +253,7 @@ def test_yaml_without_its_package_names_the_extra(tmp_path, monkeypatch):
     camera().save(tmp_path / "ros.yaml")
     camera().save(tmp_path / "opencv.yml")
     monkeypatch.setitem(__import__("sys").modules, "yaml", None)
-    with pytest.raises(rsflow.MissingExtraError, match=r"reading .*ros\.yaml needs the package 'yaml'.*rsflow\[yaml\]"):
+    with pytest.raises(rsflow.MissingExtraError, match=r"ros\.yaml needs the package 'yaml'.*rsflow-motion\[yaml\]"):
         rsflow.Camera.load(tmp_path / "ros.yaml")
     assert rsflow.Camera.load(tmp_path / "opencv.yml") == camera()
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -162,6 +163,38 @@ def test_doctor_names_a_clash_of_wheels(capsys, monkeypatch):
     text = capsys.readouterr().out
     assert "wrong: 2 OpenCV wheels overwrite each other" in text
     assert "pip uninstall -y opencv-python opencv-python-headless" in text
+
+
+@pytest.mark.parametrize(
+    ("files", "shared"),
+    [
+        (["main.py"], None),
+        (["rsflow/__init__.py"], "the package in .*rsflow"),
+        (["main.py", "<command>"], "the command rsflow"),
+        (["rsflow/cli.py", "<command>"], "the package in .*rsflow and the command rsflow"),
+    ],
+)
+def test_doctor_tells_of_the_other_distribution(capsys, monkeypatch, tmp_path, files, shared):
+    from rsflow.cli import doctor
+
+    folder = tmp_path / "rsflow-0.1.1.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: rsflow\nVersion: 0.1.1\n")
+    if "<command>" in files:
+        (folder / "entry_points.txt").write_text("[console_scripts]\nrsflow = main:main\n")
+    package = tmp_path / "rsflow"
+    (package / "cli").mkdir(parents=True)
+    (folder / "RECORD").write_text("".join(f"{name},,\n" for name in files if name != "<command>"))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(doctor, "__file__", str(package / "cli" / "doctor.py"))
+    monkeypatch.setattr(doctor, "self_test", dict)
+    assert main(["doctor"]) == (0 if shared is None else 1)
+    text = capsys.readouterr().out
+    if shared is None:
+        assert "advice: the distribution rsflow 0.1.1 is not this program, which is rsflow-motion" in text
+    else:
+        told = rf"wrong: the distribution rsflow 0\.1\.1 is not this program and overwrites {shared}: "
+        assert re.search(told + "pip uninstall -y rsflow, then pip install --force-reinstall rsflow-motion\n", text)
 
 
 def test_doctor_tells_a_wrong_measurement(capsys, monkeypatch):

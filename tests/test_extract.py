@@ -318,4 +318,4 @@ def test_without_pyav_the_videos_are_written_and_the_page_says_so(flight, tmp_pa
         assert len(list(stream)) == 4
     text = out.files["report"].read_text()
     assert "<video" not in text
-    assert "pip install &#x27;rsflow[video]&#x27; brings H.264" in text
+    assert "pip install &#x27;rsflow-motion[video]&#x27; brings H.264" in text

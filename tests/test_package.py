@@ -82,5 +82,5 @@ def test_a_missing_extra_says_what_to_install():
         "except rsflow.MissingExtraError as error:\n    print(error)"
     )
     assert run_python(code).strip() == (
-        "reading YAML needs the package 'yaml', which is not installed: pip install 'rsflow[yaml]'"
+        "reading YAML needs the package 'yaml', which is not installed: pip install 'rsflow-motion[yaml]'"
     )

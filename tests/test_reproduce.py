@@ -80,7 +80,7 @@ def test_missing_scikit_image_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         raise ModuleNotFoundError(f"No module named {module!r}", name=module.split(".")[0])
 
     monkeypatch.setattr(_extras.importlib, "import_module", gone)
-    with pytest.raises(MissingExtraError, match=r"needs the package 'skimage'.*pip install 'rsflow\[reproduce\]'"):
+    with pytest.raises(MissingExtraError, match=r"the package 'skimage'.*pip install 'rsflow-motion\[reproduce\]'"):
         reproduce.photographs()
 
 

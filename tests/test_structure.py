@@ -36,6 +36,12 @@ FLOORS = (
 
 FILES = sorted(path for folder in ("python", "tests", "examples", "docs") for path in (ROOT / folder).rglob("*.py"))
 
+TEXTS = {".py", ".pyi", ".md", ".rs", ".toml", ".lock", ".yml", ".yaml", ".sh", ".cfg", ".txt"}
+# An extra of `rsflow`, or its installation: only flags and quotes may stand between the verb and the name.
+STRANGER = re.compile(
+    r"(?<![\w.])rsflow\\?\[[a-z{]|(?:pip|pipx|uv|cargo) (?:install|add|download)(?: -\S+)* ['\"`]?rsflow(?![\w-])"
+)
+
 
 def made(folder: Path, files: dict[str, str]) -> Path:
     for name, text in files.items():
@@ -43,6 +49,38 @@ def made(folder: Path, files: dict[str, str]) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     return folder / "house"
+
+
+def test_no_text_sends_to_a_strangers_program():
+    # `rsflow` on PyPI and on crates.io belongs to others: what is ours is installed as rsflow-motion.
+    texts = [path for path in ROOT.iterdir() if path.is_file() and path.suffix in {"", ".md", ".toml", ".lock"}]
+    for folder in ("crates", "docs", "examples", "fuzz", "python", "rivals", "tests", ".ci", ".github"):
+        texts += [path for path in (ROOT / folder).rglob("*") if path.suffix in TEXTS or path.parent.name == ".ci"]
+    assert ROOT / "README.md" in texts
+    assert ROOT / "python/rsflow/_extras.py" in texts
+    found = {
+        f"{path.relative_to(ROOT)}: {match[0]}"
+        for path in texts
+        if "_build" not in path.parts
+        for match in STRANGER.finditer(path.read_text(encoding="utf-8"))
+    }
+    assert found == set()
+
+
+@pytest.mark.parametrize(
+    ("text", "sent"),
+    [
+        ("pip install 'rsf" + "low[plot]'", True),
+        ("pip install -U rsf" + "low", True),
+        ("cargo add rsf" + "low", True),
+        ("uv add rsf" + "low.", True),
+        ("pip install 'rsflow-motion[plot]'", False),
+        ("pip install numpy; rsflow doctor", False),
+        ("from an index: pip install rsflow-motion", False),
+    ],
+)
+def test_what_sends_to_a_strangers_program(text, sent):
+    assert (STRANGER.search(text) is not None) == sent
 
 
 def test_no_circle_of_imports():

@@ -143,7 +143,7 @@ def test_without_matplotlib_the_table_is_written(
     assert cli.main([*arguments, "--height", "0.2", "-o", str(tmp_path)]) == 0
     printed = capsys.readouterr()
     assert "no plot: drawing the velocity needs the package 'matplotlib'" in printed.err
-    assert "pip install 'rsflow[plot]'" in printed.err
+    assert "pip install 'rsflow-motion[plot]'" in printed.err
     assert len(table(tmp_path / "velocity.csv")) == 5
     assert not (tmp_path / "velocity.png").exists()
 

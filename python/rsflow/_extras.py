@@ -7,6 +7,9 @@ from typing import Any
 
 from .errors import MissingExtraError
 
+# The name to install by: `rsflow` on the package index is another's program. The import and the command are `rsflow`.
+DISTRIBUTION = "rsflow-motion"
+
 
 def require(module: str, *, extra: str, purpose: str) -> Any:
     """Import and return `module`; where it is missing, say which extra of rsflow brings it.
@@ -16,7 +19,7 @@ def require(module: str, *, extra: str, purpose: str) -> Any:
     module : str
         Dotted name of the module.
     extra : str
-        Name of the extra in ``pip install 'rsflow[extra]'``.
+        Name of the extra in ``pip install 'rsflow-motion[extra]'``.
     purpose : str
         What needs it, as the start of a sentence ("drawing a plot").
 
@@ -32,6 +35,6 @@ def require(module: str, *, extra: str, purpose: str) -> Any:
             raise
         raise MissingExtraError(
             f"{purpose} needs the package {module.split('.')[0]!r}, which is not installed: "
-            f"pip install 'rsflow[{extra}]'",
+            f"pip install '{DISTRIBUTION}[{extra}]'",
             name=error.name,
         ) from None

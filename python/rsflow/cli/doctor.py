@@ -10,17 +10,23 @@ import platform
 import statistics
 import sys
 import time
+from pathlib import Path
 from typing import Any
+
+from rsflow._extras import DISTRIBUTION
 
 DESCRIPTION = """\
 Say what is installed and whether it works: versions, processor level, threads, OpenCV wheels that overwrite each
-other, optional parts, and a self-test against a known motion, with times.
+other or this package, optional parts, and a self-test against a known motion, with times.
 
 examples:
   rsflow doctor
   rsflow doctor --json | python -m json.tool
 
 exit codes: 0 all is well, 1 something is wrong (the line begins with 'wrong')."""
+
+# Another's program of the package index, which has the name of our import.
+OTHER = "rsflow"
 
 # The wheels that all install the folder cv2: the last one installed overwrites the others, and removing one breaks all.
 CV2_WHEELS = (
@@ -50,6 +56,21 @@ def _version(distribution: str) -> str | None:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
         return None
+
+
+def _other() -> dict[str, Any] | None:
+    """Tell of the other distribution: its version, and what of ours it overwrites; None where it is not installed."""
+    try:
+        other = importlib.metadata.distribution(OTHER)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    ours = Path(__file__).resolve().parent.parent
+    shared = []
+    if any(ours in Path(str(other.locate_file(path))).resolve().parents for path in other.files or ()):
+        shared.append(f"the package in {ours}")
+    if any(entry.name == "rsflow" for entry in other.entry_points.select(group="console_scripts")):
+        shared.append("the command rsflow")
+    return {"version": other.version, "overwrites": shared}
 
 
 def _opencv() -> dict[str, Any]:
@@ -143,9 +164,18 @@ def diagnosis() -> dict[str, Any]:
             f"{len(opencv['wheels'])} OpenCV wheels overwrite each other in one folder ({names}): "
             f"pip uninstall -y {' '.join(opencv['wheels'])}, then install one of them"
         )
+    other = _other()
+    if other is not None and other["overwrites"]:
+        wrong.append(
+            f"the distribution {OTHER} {other['version']} is not this program and overwrites "
+            f"{' and '.join(other['overwrites'])}: pip uninstall -y {OTHER}, then "
+            f"pip install --force-reinstall {DISTRIBUTION}"
+        )
+    elif other is not None:
+        advice.append(f"the distribution {OTHER} {other['version']} is not this program, which is {DISTRIBUTION}")
     extras = {extra: _version(distribution) for extra, (distribution, _) in EXTRAS.items()}
     advice += [
-        f"without {EXTRAS[extra][0]} there is no support for {EXTRAS[extra][1]}: pip install 'rsflow[{extra}]'"
+        f"without {EXTRAS[extra][0]} there is no support for {EXTRAS[extra][1]}: pip install '{DISTRIBUTION}[{extra}]'"
         for extra, version in extras.items()
         if version is None
     ]
@@ -161,6 +191,7 @@ def diagnosis() -> dict[str, Any]:
         wrong.append(f"self-test: {type(error).__name__}: {error}")
     return {
         "rsflow": rsflow.__version__,
+        "distribution": {"name": DISTRIBUTION, "version": _version(DISTRIBUTION), "other": other},
         "build": build,
         "python": platform.python_version(),
         "executable": sys.executable,
@@ -186,6 +217,7 @@ def _print(found: dict[str, Any]) -> None:
     windows = "with windows" if opencv.get("windows") else "without windows (headless)"
     rows = [
         ("rsflow", found["rsflow"]),
+        ("distribution", f"{DISTRIBUTION} {found['distribution']['version'] or 'not installed: runs from a folder'}"),
         ("build", ", ".join(f"{key} {_words(value)}" for key, value in found["build"].items() if key != "version")),
         ("python", f"{found['python']}, {found['executable']}"),
         ("system", found["system"]),

@@ -24,8 +24,8 @@ Repeat the experiments of the report that rsflow grew out of, and print its tabl
               truth, with the lens, noise and drifting exposure of a webcam
   f           the focal length that the report's printed velocities follow from
 
-Photographs are those that scikit-image ships (pip install 'rsflow[reproduce]'), or your own; without either, textures
-that rsflow makes.
+Photographs are those that scikit-image ships (pip install 'rsflow-motion[reproduce]'), or your own; without either,
+textures that rsflow makes.
 
 examples:
   rsflow reproduce

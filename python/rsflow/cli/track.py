@@ -37,7 +37,7 @@ Writes into the folder OUT:
   tracks.mp4   the picture with the trail of each point, coloured by its direction; a dot marks where it is, a circle
                a new one
   tracks.csv   a row for each point and frame: frame,t_s,id,age,x_px,y_px,dx_px,dy_px,vx_px_s,vy_px_s,
-               std_x_px,std_y_px,residual,status (tracks.parquet with --parquet; needs rsflow[parquet])
+               std_x_px,std_y_px,residual,status (tracks.parquet with --parquet; needs rsflow-motion[parquet])
 
 A point that is lost has a last row whose status says why, and nan for what was not measured.
 

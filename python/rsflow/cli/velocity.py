@@ -26,7 +26,7 @@ t_s,height_m (read between its rows) or frame,height_m. Writes into the folder O
 
   velocity.csv   a row a frame: frame,t_s,dt_s,vx_m_s,vy_m_s,vz_m_s, their standard deviations, height_m,
                  dx_px,dy_px (how far the picture went), n_points,status
-  velocity.png   the velocity over time (needs matplotlib: pip install 'rsflow[plot]')
+  velocity.png   the velocity over time (needs matplotlib: pip install 'rsflow-motion[plot]')
 
 Axes are the camera's: x right, y down the picture, z along the optical axis. A camera that moves to its right has
 vx > 0 while the picture flows to the left. What cannot be measured is nan, with the reason in the column status.

@@ -158,7 +158,7 @@ def _notes(outputs: Outputs, pipeline: Pipeline) -> list[str]:
         notes.append("The source has no times: give --rate for seconds and velocities.")
     views = outputs.views
     if views is not None and views.codec == "mp4v":
-        notes.append("Browsers do not play the videos' codec: pip install 'rsflow[video]' brings H.264.")
+        notes.append("Browsers do not play the videos' codec: pip install 'rsflow-motion[video]' brings H.264.")
     valid = motion["flow_valid_share"]
     if np.isfinite(valid).any() and float(np.nanmean(valid)) < 0.5:
         notes.append(

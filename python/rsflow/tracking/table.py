@@ -128,7 +128,7 @@ class TrackTable:
         Parameters
         ----------
         path : path
-            ``.csv``, or ``.parquet`` (``pip install 'rsflow[parquet]'``).
+            ``.csv``, or ``.parquet`` (``pip install 'rsflow-motion[parquet]'``).
 
         Raises
         ------

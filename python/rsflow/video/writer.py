@@ -1,7 +1,7 @@
 """Writing pictures as a video that plays in browsers.
 
-With PyAV (``pip install 'rsflow[video]'``) the video is H.264 and keeps the true time of every picture. Without it
-OpenCV's own encoder is used: VP9, which browsers play as well, at a constant rate and some thirty times slower.
+With PyAV (``pip install 'rsflow-motion[video]'``) the video is H.264 and keeps the true time of every picture. Without
+it OpenCV's own encoder is used: VP9, which browsers play as well, at a constant rate and some thirty times slower.
 """
 
 from __future__ import annotations
@@ -269,7 +269,7 @@ def encoder(suffix: str = ".mp4", *, codec: str | None = None) -> tuple[str, str
                 return name, library
     raise OptionError(
         f"codec: got no encoder for {codec or ' or '.join(choices)} in {suffix} here, "
-        "expected one: pip install 'rsflow[video]' brings H.264"
+        "expected one: pip install 'rsflow-motion[video]' brings H.264"
     )
 
 
