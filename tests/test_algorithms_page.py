@@ -138,7 +138,7 @@ def test_there_are_constants_to_compare() -> None:
     assert len(named) == len(CONSTANTS), "a constant stands on the page twice"
 
 
-TOKEN = re.compile(r"\.\.|[A-Za-z_]\w*(?:::\w+)*|\d[\d_]*(?:\.\d+)?(?:e-?\d+)?|[{}\[\](),:;=>]")
+TOKEN = re.compile(r"\.\.|[A-Za-z_]\w*(?:(?:::|\.)\w+)*|\d[\d_]*(?:\.\d+)?(?:e-?\d+)?|[{}\[\](),:;=>]")
 
 
 class Recipes:
@@ -184,14 +184,17 @@ class Recipes:
         if self.tokens[at + 1] == "(":
             return None, self.tokens.index(")", at) + 1
         if self.tokens[at + 1] != "{":
-            return self.known.get(token), at + 1
+            value: Any = self.known
+            for part in token.split("."):
+                value = (value or {}).get(part)
+            return value, at + 1
         fields: dict[str, Any] = {}
         at += 2
         while self.tokens[at] != "}":
             name, at = self.tokens[at], at + 1
             if name == "..":
                 base, at = self.read(at)
-                fields = base | fields
+                fields = (base or {}) | fields
             elif self.tokens[at] == ":":
                 fields[name], at = self.read(at + 1)
             else:
