@@ -184,10 +184,10 @@ class Recipes:
         if self.tokens[at + 1] == "(":
             return None, self.tokens.index(")", at) + 1
         if self.tokens[at + 1] != "{":
-            value: Any = self.known
+            known: Any = self.known
             for part in token.split("."):
-                value = (value or {}).get(part)
-            return value, at + 1
+                known = (known or {}).get(part)
+            return known, at + 1
         fields: dict[str, Any] = {}
         at += 2
         while self.tokens[at] != "}":
