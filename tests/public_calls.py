@@ -254,6 +254,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.QuiverStyle.fitted": lambda _: (rsflow.QuiverStyle.fitted, {"fields": field()}),
     "rsflow.RsflowError": lambda _: (rsflow.RsflowError, {}),
     "rsflow.ShapeError": lambda _: (rsflow.ShapeError, {}),
+    "rsflow.SegmentationStatus": lambda _: (rsflow.SegmentationStatus, {"value": "ok"}),
     "rsflow.Shift": lambda _: (rsflow.Shift, _fields(rsflow.estimate_shift(**PAIR))),
     "rsflow.ShiftStatus": lambda _: (rsflow.ShiftStatus, {"value": 0}),
     "rsflow.Tracks": lambda _: (rsflow.Tracks, _fields(tracks())),
@@ -296,8 +297,9 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.write_flow": lambda folder: (rsflow.write_flow, {"path": folder / "written.npy", "field": field()}),
     "rsflow.batch.BatchItem": lambda folder: (
         rsflow.batch.BatchItem,
-        {"source": 0, "folder": folder, "status": "done", "error": "", "summary": {}},
+        {"source": 0, "folder": folder, "status": rsflow.batch.BatchStatus.DONE, "error": "", "summary": {}},
     ),
+    "rsflow.batch.BatchStatus": lambda _: (rsflow.batch.BatchStatus, {"value": "done"}),
     "rsflow.batch.folder_names": lambda _: (rsflow.batch.folder_names, {"sources": ["a.mp4", 0]}),
     "rsflow.bench.Bench": lambda _: (
         bench.Bench,

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .flow import DenseFlow, FlowField, dense_flow
     from .io import read_flow, write_flow
     from .plotting import QuiverStyle, flow_to_color, quiver
-    from .segmentation import MotionSegmentation, MotionSegmenter
+    from .segmentation import MotionSegmentation, MotionSegmenter, SegmentationStatus
     from .shift import Shift, ShiftStatus, estimate_shift
     from .tracking import PointStatus, PointTracker, Tracks, detect_corners, track_points
     from .velocity import Velocity, VelocityEstimator, VelocityStatus
@@ -58,6 +58,7 @@ _LAZY: dict[str, str] = {
     "PointStatus": ".tracking",
     "PointTracker": ".tracking",
     "QuiverStyle": ".plotting",
+    "SegmentationStatus": ".segmentation",
     "Shift": ".shift",
     "ShiftStatus": ".shift",
     "Tracks": ".tracking",
@@ -120,6 +121,7 @@ __all__ = [
     "PointTracker",
     "QuiverStyle",
     "RsflowError",
+    "SegmentationStatus",
     "ShapeError",
     "Shift",
     "ShiftStatus",

@@ -8,18 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _checks, _core
 from ._checks import knobs
+from ._results.status import Status
 
 __all__ = ["Shift", "ShiftStatus", "estimate_shift"]
 
 
-class ShiftStatus(IntEnum):
+class ShiftStatus(Status):
     """Whether a displacement could be measured, and if not, why.
 
     Examples
@@ -27,46 +27,30 @@ class ShiftStatus(IntEnum):
     >>> import numpy as np, rsflow
     >>> blank = np.full((60, 60), 90, np.uint8)
     >>> shift = rsflow.estimate_shift(blank, blank)
-    >>> shift.status.name, shift.status.explanation
-    ('NO_TEXTURE', 'the window shows no structure that stands out of the noise')
-    >>> shift.status == rsflow.ShiftStatus.NO_TEXTURE, shift.valid
-    (True, False)
+    >>> print(shift.status, "--", shift.status.explanation)
+    NO_TEXTURE -- the window shows no structure that stands out of the noise
+    >>> shift.status == rsflow.ShiftStatus.NO_TEXTURE, shift.status.valid, int(shift.status)
+    (True, False, 3)
     """
 
-    VALID = 0
-    """Measured."""
-    TOO_SMALL = 1
-    """The window, or what a mask or NaN leave of it, has too few pixels."""
-    TOO_LITTLE_OVERLAP = 2
-    """At the displacement found, the frames share too little of the window."""
-    NO_TEXTURE = 3
-    """The window shows no structure that stands out of the noise."""
-    APERTURE = 4
-    """The window shows structure in one direction only: motion along it cannot be seen. The displacement across it is
-    given, with infinite variance along it, unless the structure repeats: see `Shift.direction`."""
-    NO_MATCH = 5
-    """Nothing in the other frame looks like the window: a scene cut, or motion beyond `max_displacement`."""
-    NOT_CONVERGED = 6
-    """The iteration did not settle."""
-    AMBIGUOUS = 7
-    """The window repeats: another displacement within `max_displacement` explains the frames as well."""
-
-    @property
-    def explanation(self) -> str:
-        """The status in a sentence."""
-        return _EXPLANATIONS[self]
-
-
-_EXPLANATIONS = {
-    ShiftStatus.VALID: "measured",
-    ShiftStatus.TOO_SMALL: "the window, or what the mask and NaN leave of it, has too few pixels",
-    ShiftStatus.TOO_LITTLE_OVERLAP: "at the displacement found, the frames share too little of the window",
-    ShiftStatus.NO_TEXTURE: "the window shows no structure that stands out of the noise",
-    ShiftStatus.APERTURE: "the window shows structure in one direction only: motion along it cannot be seen",
-    ShiftStatus.NO_MATCH: "nothing in the other frame looks like the window: a scene cut, or motion that is too large",
-    ShiftStatus.NOT_CONVERGED: "the iteration did not settle",
-    ShiftStatus.AMBIGUOUS: "the window repeats: another displacement explains the frames as well",
-}
+    VALID = 0, "Measured."
+    TOO_SMALL = 1, "The window, or what a mask or NaN leave of it, has too few pixels."
+    TOO_LITTLE_OVERLAP = 2, "At the displacement found, the frames share too little of the window."
+    NO_TEXTURE = 3, "The window shows no structure that stands out of the noise."
+    APERTURE = (
+        4,
+        "The window shows structure in one direction only: motion along it cannot be seen. The displacement across it "
+        "is given, with infinite variance along it, unless the structure repeats: see `Shift.direction`.",
+    )
+    NO_MATCH = (
+        5,
+        "Nothing in the other frame looks like the window: a scene cut, or motion beyond `max_displacement`.",
+    )
+    NOT_CONVERGED = 6, "The iteration did not settle."
+    AMBIGUOUS = (
+        7,
+        "The window repeats: another displacement within `max_displacement` explains the frames as well.",
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::errors::{raise, to_python};
-use crate::frames::{AnyFrame, aligned, described, mask, pair};
+use crate::frames::{AnyFrame, aligned, described, mask as borrow_mask, pair};
 use crate::interrupt::run;
 use crate::outputs::owned;
 use crate::shared::{Caller, Shared};
@@ -55,23 +55,26 @@ impl DenseFlow {
     }
 
     /// The flow from `prev` to `next`.
-    #[pyo3(signature = (prev, next, initial, region, next_region))]
+    #[pyo3(signature = (prev, next, initial, mask, next_mask))]
     fn pair<'py>(
         &self,
         py: Python<'py>,
         prev: &Bound<'py, PyAny>,
         next: &Bound<'py, PyAny>,
         initial: Option<&Bound<'py, PyAny>>,
-        region: Option<&Bound<'py, PyAny>>,
-        next_region: Option<&Bound<'py, PyAny>>,
+        mask: Option<&Bound<'py, PyAny>>,
+        next_mask: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Parts<'py>> {
         let (prev, next) = (AnyFrame::new("prev", prev)?, AnyFrame::new("next", next)?);
-        let (initial, region) = (initial_flow(initial)?, mask("mask", region, prev.dim())?);
-        let next_region = mask("next_mask", next_region, prev.dim())?;
+        let (initial, counted) = (
+            initial_flow(initial)?,
+            borrow_mask("mask", mask, prev.dim())?,
+        );
+        let counted_next = borrow_mask("next_mask", next_mask, prev.dim())?;
         let hints = DenseHints {
             initial: initial.as_ref().map(PyReadonlyArray3::as_array),
-            mask: region.as_ref().map(PyReadonlyArray2::as_array),
-            next_mask: next_region.as_ref().map(PyReadonlyArray2::as_array),
+            mask: counted.as_ref().map(PyReadonlyArray2::as_array),
+            next_mask: counted_next.as_ref().map(PyReadonlyArray2::as_array),
         };
         let pixels = prev.pixels();
         let field = with_pair!(pair(&prev, &next)?, |prev, next| self.call(
@@ -87,22 +90,25 @@ impl DenseFlow {
     }
 
     /// The flow from the frame before to `frame`; None for the first one.
-    #[pyo3(signature = (frame, initial, region, next_region))]
+    #[pyo3(signature = (frame, initial, mask, next_mask))]
     fn update<'py>(
         &self,
         py: Python<'py>,
         frame: &Bound<'py, PyAny>,
         initial: Option<&Bound<'py, PyAny>>,
-        region: Option<&Bound<'py, PyAny>>,
-        next_region: Option<&Bound<'py, PyAny>>,
+        mask: Option<&Bound<'py, PyAny>>,
+        next_mask: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Option<Parts<'py>>> {
         let frame = AnyFrame::new("frame", frame)?;
-        let (initial, region) = (initial_flow(initial)?, mask("mask", region, frame.dim())?);
-        let next_region = mask("next_mask", next_region, frame.dim())?;
+        let (initial, counted) = (
+            initial_flow(initial)?,
+            borrow_mask("mask", mask, frame.dim())?,
+        );
+        let counted_next = borrow_mask("next_mask", next_mask, frame.dim())?;
         let hints = DenseHints {
             initial: initial.as_ref().map(PyReadonlyArray3::as_array),
-            mask: region.as_ref().map(PyReadonlyArray2::as_array),
-            next_mask: next_region.as_ref().map(PyReadonlyArray2::as_array),
+            mask: counted.as_ref().map(PyReadonlyArray2::as_array),
+            next_mask: counted_next.as_ref().map(PyReadonlyArray2::as_array),
         };
         let pixels = frame.pixels();
         let field = with_view!(frame.view(), |frame| self.call(py, pixels, |flow| {

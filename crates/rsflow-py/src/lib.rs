@@ -118,5 +118,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(build_info, module)?)?;
     tracking::register(module)?;
     module.add_function(wrap_pyfunction!(shift::estimate_shift, module)?)?;
+    module.add_function(wrap_pyfunction!(shift::shift_statuses, module)?)?;
     Ok(())
 }

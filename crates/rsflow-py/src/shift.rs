@@ -99,3 +99,12 @@ pub(crate) fn estimate_shift<'py>(
         ),
     ))
 }
+
+/// Every status: its name and value.
+#[pyfunction]
+pub(crate) fn shift_statuses() -> Vec<(&'static str, u8)> {
+    lk_core::ShiftStatus::ALL
+        .iter()
+        .map(|status| (status.name(), *status as u8))
+        .collect()
+}

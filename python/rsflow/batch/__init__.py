@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from .run import BatchItem, extract_many, folder_names
+from .run import BatchItem, BatchStatus, extract_many, folder_names
 
-__all__ = ["BatchItem", "extract_many", "folder_names"]
+__all__ = ["BatchItem", "BatchStatus", "extract_many", "folder_names"]

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import _checks
 from .._core import set_num_threads
+from .._results.status import WordStatus
 from ..errors import OptionError, RsflowError
 
 if TYPE_CHECKING:
@@ -27,7 +28,24 @@ _NO_SETTINGS = ("progress", "overwrite", "resume", "on_frame")
 # How long a signal waits to be seen, in seconds.
 _LOOK_S = 0.1
 
-__all__ = ["BatchItem", "extract_many", "folder_names"]
+__all__ = ["BatchItem", "BatchStatus", "extract_many", "folder_names"]
+
+
+class BatchStatus(WordStatus):
+    """What became of a source of a batch; equal to its word, ``"done"`` say.
+
+    Examples
+    --------
+    >>> from rsflow.batch import BatchStatus
+    >>> status = BatchStatus("partial")
+    >>> print(status, status.valid, "--", status.explanation)
+    partial False -- it failed or was stopped on its way, and what was finished is kept
+    """
+
+    DONE = "done", "Read to its end, with all results."
+    PARTIAL = "partial", "It failed or was stopped on its way, and what was finished is kept."
+    FAILED = "failed", "It failed, and nothing is kept."
+    CANCELLED = "cancelled", "It was never begun."
 
 
 @dataclass(frozen=True)
@@ -40,7 +58,7 @@ class BatchItem:
         The source as it was given.
     folder : Path
         The folder of its results.
-    status : {"done", "partial", "failed", "cancelled"}
+    status : BatchStatus
         ``partial``: it failed or was stopped on its way, and what was finished is kept; ``failed``: nothing is kept;
         ``cancelled``: it was never begun.
     error : str
@@ -54,13 +72,15 @@ class BatchItem:
     >>> from rsflow.batch import extract_many
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     (item,) = extract_many(["missing.mp4"], folder, jobs=1)
-    >>> item.status, item.error, item.folder.name
-    ('failed', 'missing.mp4: no such file or folder', 'missing')
+    >>> print(item.status, "--", item.error)
+    failed -- missing.mp4: no such file or folder
+    >>> item.status == "failed", item.folder.name
+    (True, 'missing')
     """
 
     source: str | int
     folder: Path
-    status: str
+    status: BatchStatus
     error: str
     summary: dict[str, Any]
 
@@ -124,15 +144,19 @@ def _extract_one(source: str | int, folder: str, threads: int | None, options: d
         with stoppable():
             begun = True
             done = extract(source, folder, **options)
-        return BatchItem(source, Path(folder), "done", "", done.summary)
+        return BatchItem(source, Path(folder), BatchStatus.DONE, "", done.summary)
     except (PartialExtractionError, ExtractionInterrupted) as stop:
-        return BatchItem(source, Path(folder), "partial", _one_line(stop), stop.extraction.summary)
+        return BatchItem(source, Path(folder), BatchStatus.PARTIAL, _one_line(stop), stop.extraction.summary)
     except KeyboardInterrupt:
-        return BatchItem(source, Path(folder), "failed", "interrupted", {}) if begun else _cancelled(source, folder)
+        return (
+            BatchItem(source, Path(folder), BatchStatus.FAILED, "interrupted", {})
+            if begun
+            else _cancelled(source, folder)
+        )
     except (RsflowError, OSError, MemoryError) as error:
-        return BatchItem(source, Path(folder), "failed", _one_line(error) or type(error).__name__, {})
+        return BatchItem(source, Path(folder), BatchStatus.FAILED, _one_line(error) or type(error).__name__, {})
     except Exception as error:
-        return BatchItem(source, Path(folder), "failed", f"{type(error).__name__}: {_one_line(error)}", {})
+        return BatchItem(source, Path(folder), BatchStatus.FAILED, f"{type(error).__name__}: {_one_line(error)}", {})
 
 
 def _one_line(error: BaseException) -> str:
@@ -189,8 +213,8 @@ def extract_many(
     >>> from rsflow.batch import extract_many
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     items = extract_many(["missing.mp4"], folder, jobs=1)
-    >>> items[0].status
-    'failed'
+    >>> print(items[0].status)
+    failed
     """
     from ..extraction import ExtractSettings, extract
     from .stop import StopWish
@@ -302,7 +326,7 @@ def _collected(
 
 
 def _cancelled(source: str | int, folder: str) -> BatchItem:
-    return BatchItem(source, Path(folder), "cancelled", "not begun: the batch was interrupted", {})
+    return BatchItem(source, Path(folder), BatchStatus.CANCELLED, "not begun: the batch was interrupted", {})
 
 
 def _item(future: Future[BatchItem], source: str | int, folder: str, *, ours: bool) -> BatchItem:
@@ -317,5 +341,5 @@ def _item(future: Future[BatchItem], source: str | int, folder: str, *, ours: bo
         if ours and isinstance(error, BrokenProcessPool):
             discard_working(Path(folder))
         reason = f"the worker ended: {type(error).__name__}: {_one_line(error)}"
-        return BatchItem(source, Path(folder), "failed", reason, {})
+        return BatchItem(source, Path(folder), BatchStatus.FAILED, reason, {})
     return future.result()

@@ -161,11 +161,13 @@ class Pipeline:
         """Be as after `frame`, which is measured already, from what was saved then."""
         state = saved.value("pipeline", make={"MotionSegmenter": self._new_segmenter})
         self.decision = CameraDecision(*state["decision"])
+        from ..segmentation.result import SegmentationStatus
+
         self._segmenter = segmenter = state["segmenter"]
         self.unstated = state["unstated"]
         # For the background, if no frame is left.
         self._last_segmentation = segmenter._result(
-            frame.image, segmenter._previous, None, np.eye(3), self.decision.motion, (), "ok"
+            frame.image, segmenter._previous, None, np.eye(3), self.decision.motion, (), SegmentationStatus.OK
         )
         # The others know the frame before and no more.
         self._prev, self._prev_t_s = frame.image, frame.t_s

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .result import MotionSegmentation
+from .result import MotionSegmentation, SegmentationStatus
 from .segmenter import MotionSegmenter
 
-__all__ = ["MotionSegmentation", "MotionSegmenter"]
+__all__ = ["MotionSegmentation", "MotionSegmenter", "SegmentationStatus"]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _checks
+from .._results.status import WordStatus
 from ..errors import ShapeError
 from ..plotting import drawing
 from . import regions
@@ -21,6 +22,24 @@ if TYPE_CHECKING:
     F32 = NDArray[np.float32]
     F64 = NDArray[np.float64]
     Mask = NDArray[np.bool_]
+
+
+class SegmentationStatus(WordStatus):
+    """Whether a frame could be compared with the one before, and if not, why; equal to its word, ``"ok"`` say.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> status = rsflow.SegmentationStatus("first_frame")
+    >>> print(status, status.valid, "--", status.explanation)
+    first_frame False -- there is no frame before to compare with: nothing is moving
+    >>> status == "first_frame", rsflow.SegmentationStatus.OK.valid
+    (True, True)
+    """
+
+    OK = "ok", "The frame was compared with the one before."
+    FIRST_FRAME = "first_frame", "There is no frame before to compare with: nothing is moving."
+    NO_CAMERA_MOTION = "no_camera_motion", "The flow does not tell the camera's motion: nothing is moving."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,7 +68,7 @@ class MotionSegmentation:
         The number of the object at each pixel, 0 for none.
     background : (H, W) float32
         The frame without what moves, in its own light: a temporal median; NaN where nothing is known yet.
-    status : str
+    status : SegmentationStatus
         ``"ok"``; ``"first_frame"``, with nothing to compare to; ``"no_camera_motion"`` where the flow does not tell the
         camera's motion. In the last two nothing is moving.
     mask : (H, W) bool, or None
@@ -77,13 +96,13 @@ class MotionSegmentation:
     objects: tuple[TrackedObject, ...]
     labels: NDArray[np.int32]
     background: F32
-    status: str
+    status: SegmentationStatus
     mask: Mask | None = None
 
     @property
     def valid(self) -> bool:
         """Whether the frame could be compared with the one before."""
-        return self.status == "ok"
+        return self.status is SegmentationStatus.OK
 
     def moving_view(self, picture: NDArray[Any] | None = None, *, boxes: bool = True) -> NDArray[np.uint8]:
         """Draw what moves, in its own light, before the darkened rest.

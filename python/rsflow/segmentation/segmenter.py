@@ -30,7 +30,7 @@ from .foreground import Outline, shows_background
 from .objects import ObjectTracker, TrackedObject
 from .photometric import fit_light
 from .reduction import Reduction
-from .result import MotionSegmentation
+from .result import MotionSegmentation, SegmentationStatus
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -111,8 +111,8 @@ class MotionSegmenter(Shared):
     >>> frames = np.random.default_rng(1).integers(0, 256, (3, 60, 80), np.uint8)
     >>> segmenter = rsflow.MotionSegmenter(camera_motion="static")
     >>> first = segmenter.update(frames[0])
-    >>> first.status, bool(first.moving.any())
-    ('first_frame', False)
+    >>> print(first.status, bool(first.moving.any()))
+    first_frame False
     """
 
     _state_types: ClassVar = {
@@ -228,7 +228,7 @@ class MotionSegmenter(Shared):
         self._tracker = ObjectTracker(min_area=area, min_age=_LEAST_AGE)
         self._background.add(current, self._uncounted(self._moving))
         model = "static" if self.static_camera else "none"
-        return self._result(image, current, None, np.eye(3), model, (), "first_frame")
+        return self._result(image, current, None, np.eye(3), model, (), SegmentationStatus.FIRST_FRAME)
 
     def _segment(self, image: NDArray[Any], current: F32, flow: FlowLike) -> MotionSegmentation:
         assert self._previous is not None
@@ -247,7 +247,7 @@ class MotionSegmenter(Shared):
             self._moving = np.zeros_like(self._moving)
             self._background.add(current, self._uncounted(self._moving))
             objects = self._tracker.update(self._moving)
-            return self._result(image, current, None, homography, "none", objects, "no_camera_motion")
+            return self._result(image, current, None, homography, "none", objects, SegmentationStatus.NO_CAMERA_MOTION)
         small = Reduction.of(current.shape)
         if self.static_camera and self._outline is None:
             self._outline = Outline((small.size[1], small.size[0]))
@@ -307,7 +307,8 @@ class MotionSegmenter(Shared):
         length = small.enlarged_image(np.hypot(residual[..., 0], residual[..., 1]) * np.float32(small.factor))
         if self._fixed is not None:
             length[~self._fixed.pixels] = np.nan
-        return self._result(image, current, length, homography, camera.model, objects, "ok", parallax=self._parallax)
+        ok = SegmentationStatus.OK
+        return self._result(image, current, length, homography, camera.model, objects, ok, parallax=self._parallax)
 
     def _uncounted(self, away: Mask) -> Mask:
         """Add the pixels that do not count to those that a background cannot be taken from."""
@@ -348,7 +349,7 @@ class MotionSegmenter(Shared):
         homography: F64,
         model: str,
         objects: tuple[TrackedObject, ...],
-        status: str,
+        status: SegmentationStatus,
         *,
         parallax: bool = False,
     ) -> MotionSegmentation:
@@ -366,7 +367,9 @@ class MotionSegmenter(Shared):
             camera_model=model,
             parallax=parallax,
             objects=objects,
-            labels=self._tracker.labels if status != "first_frame" else np.zeros(moving.shape, np.int32),
+            labels=self._tracker.labels
+            if status is not SegmentationStatus.FIRST_FRAME
+            else np.zeros(moving.shape, np.int32),
             background=background,
             status=status,
             mask=None if self._fixed is None else self._fixed.pixels,

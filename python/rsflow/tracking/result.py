@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._results.status import Status
+
 __all__ = ["PointStatus", "Tracks"]
 
 
-class PointStatus(IntEnum):
+class PointStatus(Status):
     """Whether a point was tracked, or else the first reason why not. The values are those of lk-core.
 
     Examples
@@ -26,30 +27,29 @@ class PointStatus(IntEnum):
     False
     """
 
-    TRACKED = 0
-    """Tracked: position and covariance hold."""
-    OUT_OF_FRAME = 1
-    """The point is, or went, outside of the frame."""
-    LOW_TEXTURE = 2
-    """The window has too little texture, or only along one direction, to say where it went."""
-    NOT_CONVERGED = 3
-    """The steps did not come to rest, or went further than `max_displacement`."""
-    HIGH_RESIDUAL = 4
-    """What was found does not look like what was sought; or nine in ten of many points are lost, and no neighbour moves
-    like this one."""
-    FORWARD_BACKWARD = 5
-    """Tracked back, the point did not return to where it came from."""
-    MASKED = 6
-    """A mask excludes the point, or where it went."""
-    NOT_FINITE = 7
-    """A coordinate of the point is NaN or infinite."""
-    NEW = 8
-    """Found in this frame by a `PointTracker`: it has a position, but no motion yet."""
-    LOW_SUPPORT = 9
-    """Fewer than an eighth of the window's pixels count in both frames: others are outside, masked, not finite."""
-    AMBIGUOUS = 10
-    """The texture repeats: another displacement explains the window as well, is not longer than `max_displacement`, and
-    nothing around the window (the end of the pattern, a stain, what else moves with it) tells which one it was."""
+    TRACKED = 0, "Tracked: position and covariance hold."
+    OUT_OF_FRAME = 1, "The point is, or went, outside of the frame."
+    LOW_TEXTURE = 2, "The window has too little texture, or only along one direction, to say where it went."
+    NOT_CONVERGED = 3, "The steps did not come to rest, or went further than `max_displacement`."
+    HIGH_RESIDUAL = (
+        4,
+        "What was found does not look like what was sought; or nine in ten of many points are lost, and no neighbour "
+        "moves like this one.",
+    )
+    FORWARD_BACKWARD = 5, "Tracked back, the point did not return to where it came from."
+    MASKED = 6, "A mask excludes the point, or where it went."
+    NOT_FINITE = 7, "A coordinate of the point is NaN or infinite."
+    NEW = 8, "Found in this frame by a `PointTracker`: it has a position, but no motion yet."
+    LOW_SUPPORT = (
+        9,
+        "Fewer than an eighth of the window's pixels count in both frames: others are outside, masked, not finite.",
+    )
+    AMBIGUOUS = (
+        10,
+        "The texture repeats: another displacement explains the window as well, is not longer than `max_displacement`, "
+        "and nothing around the window (the end of the pattern, a stain, what else moves with it) tells which one it "
+        "was.",
+    )
 
 
 @dataclass(frozen=True, eq=False)

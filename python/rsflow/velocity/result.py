@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -10,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _checks
+from .._results.status import Status
 
 __all__ = ["Velocity", "VelocityStatus", "not_stated", "unmeasured"]
 
 F64 = NDArray[np.float64]
 
 
-class VelocityStatus(enum.IntEnum):
+class VelocityStatus(Status):
     """What became of a frame: `OK`, or why there is no velocity.
 
     Examples
@@ -24,27 +24,21 @@ class VelocityStatus(enum.IntEnum):
     >>> import rsflow
     >>> flight = rsflow.synthetic.flight(frames=2, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
     >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=0.2)
-    >>> [estimator.update(frame.image, frame.t_s).status.name for frame in flight]
-    ['FIRST_FRAME', 'OK']
+    >>> for frame in flight:
+    ...     print(estimator.update(frame.image, frame.t_s).status)
+    FIRST_FRAME
+    OK
     """
 
-    OK = 0
-    FIRST_FRAME = 1
-    """There is no frame before this one."""
-    TIME_NOT_INCREASING = 2
-    """The frame is not later than the one before."""
-    NO_TEXTURE = 3
-    """There is nothing in the picture that could be followed."""
-    SCENE_CUT = 4
-    """The picture has nothing to do with the one before."""
-    TOO_FEW_POINTS = 5
-    """Too few points could be followed to fit a velocity and to judge it."""
-    INCONSISTENT = 6
-    """Fewer than half of the points move as one plane does."""
-    NO_HEIGHT = 7
-    """The flow was measured, but no height above the ground is known for this frame."""
-    NO_GROUND = 8
-    """The camera does not look at the ground, or less than 10 degrees below its horizon."""
+    OK = 0, "Measured."
+    FIRST_FRAME = 1, "There is no frame before this one."
+    TIME_NOT_INCREASING = 2, "The frame is not later than the one before."
+    NO_TEXTURE = 3, "There is nothing in the picture that could be followed."
+    SCENE_CUT = 4, "The picture has nothing to do with the one before."
+    TOO_FEW_POINTS = 5, "Too few points could be followed to fit a velocity and to judge it."
+    INCONSISTENT = 6, "Fewer than half of the points move as one plane does."
+    NO_HEIGHT = 7, "The flow was measured, but no height above the ground is known for this frame."
+    NO_GROUND = 8, "The camera does not look at the ground, or less than 10 degrees below its horizon."
 
 
 @dataclass(frozen=True)

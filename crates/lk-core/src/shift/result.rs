@@ -24,6 +24,35 @@ pub enum ShiftStatus {
     Ambiguous = 7,
 }
 
+impl ShiftStatus {
+    /// Every status, in the order of its values.
+    pub const ALL: [Self; 8] = [
+        Self::Valid,
+        Self::TooSmall,
+        Self::TooLittleOverlap,
+        Self::NoTexture,
+        Self::Aperture,
+        Self::NoMatch,
+        Self::NotConverged,
+        Self::Ambiguous,
+    ];
+
+    /// The name used in Python and in tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Valid => "valid",
+            Self::TooSmall => "too_small",
+            Self::TooLittleOverlap => "too_little_overlap",
+            Self::NoTexture => "no_texture",
+            Self::Aperture => "aperture",
+            Self::NoMatch => "no_match",
+            Self::NotConverged => "not_converged",
+            Self::Ambiguous => "ambiguous",
+        }
+    }
+}
+
 /// The displacement of a window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shift {
