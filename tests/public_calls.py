@@ -338,6 +338,16 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         Measured,
         dict.fromkeys(("frame", "flow", "segmentation", "velocity", "motion", "objects", "velocity_row")),
     ),
+    "rsflow.interop.opencv.DISOpticalFlow": lambda _: (rsflow.interop.opencv.DISOpticalFlow, {}),
+    "rsflow.interop.opencv.DISOpticalFlow.calc": lambda _: (
+        rsflow.interop.opencv.DISOpticalFlow().calc,
+        {"I0": frame(0), "I1": frame(1), "flow": None},
+    ),
+    "rsflow.interop.opencv.DISOpticalFlow.collectGarbage": lambda _: (
+        rsflow.interop.opencv.DISOpticalFlow().collectGarbage,
+        {},
+    ),
+    "rsflow.interop.opencv.DISOpticalFlow.create": lambda _: (rsflow.interop.opencv.DISOpticalFlow.create, {}),
     "rsflow.interop.opencv.DISOpticalFlow_create": lambda _: (rsflow.interop.opencv.DISOpticalFlow_create, {}),
     "rsflow.interop.opencv.DenseFlow": lambda _: (rsflow.interop.opencv.DenseFlow, {}),
     "rsflow.interop.opencv.DenseFlow.calc": lambda _: (
@@ -351,6 +361,21 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.interop.opencv.buildOpticalFlowPyramid": lambda _: (
         rsflow.interop.opencv.buildOpticalFlowPyramid,
         {"img": frame(), "winSize": (5, 5), "maxLevel": 1},
+    ),
+    "rsflow.interop.opencv.calcOpticalFlowFarneback": lambda _: (
+        rsflow.interop.opencv.calcOpticalFlowFarneback,
+        {
+            "prev": frame(0),
+            "next": frame(1),
+            "flow": None,
+            "pyr_scale": 0.5,
+            "levels": 3,
+            "winsize": 15,
+            "iterations": 3,
+            "poly_n": 5,
+            "poly_sigma": 1.2,
+            "flags": 0,
+        },
     ),
     "rsflow.interop.opencv.calcOpticalFlowPyrLK": lambda _: (
         rsflow.interop.opencv.calcOpticalFlowPyrLK,

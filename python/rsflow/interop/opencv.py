@@ -1,9 +1,12 @@
 """OpenCV's flow functions by their own names, parameters, shapes, defaults and errors.
 
-A program that calls ``cv2.calcOpticalFlowPyrLK``, ``cv2.buildOpticalFlowPyramid``, ``cv2.goodFeaturesToTrack`` or
-``cv2.DISOpticalFlow_create`` runs unchanged with its import changed::
+A program written for OpenCV runs with its import changed::
 
-    from rsflow.interop.opencv import calcOpticalFlowPyrLK, goodFeaturesToTrack
+    from rsflow.interop import opencv as cv2
+
+``calcOpticalFlowPyrLK``, ``buildOpticalFlowPyramid``, ``goodFeaturesToTrack``, ``calcOpticalFlowFarneback`` and
+``DISOpticalFlow`` are then rsflow's; every other name of ``cv2`` (``cvtColor``, ``circle``, ``TERM_CRITERIA_EPS``, ...)
+is OpenCV's own, which is imported when the first of them is used.
 
 The point functions answer as OpenCV's do, their blind spots included: a status of 1 only says that a point ended inside
 of the frame. `rsflow.track_points` is what tells whether it went the right way, in any light. Dense flow behind
@@ -25,8 +28,12 @@ from ._opencv_dense import (
     DISOPTICAL_FLOW_PRESET_FAST,
     DISOPTICAL_FLOW_PRESET_MEDIUM,
     DISOPTICAL_FLOW_PRESET_ULTRAFAST,
+    OPTFLOW_FARNEBACK_GAUSSIAN,
+    OPTFLOW_USE_INITIAL_FLOW,
     DenseFlow,
+    DISOpticalFlow,
     DISOpticalFlow_create,
+    calcOpticalFlowFarneback,
 )
 from ._outputs import in_place
 
@@ -34,16 +41,18 @@ __all__ = [
     "DISOPTICAL_FLOW_PRESET_FAST",
     "DISOPTICAL_FLOW_PRESET_MEDIUM",
     "DISOPTICAL_FLOW_PRESET_ULTRAFAST",
+    "OPTFLOW_FARNEBACK_GAUSSIAN",
     "OPTFLOW_LK_GET_MIN_EIGENVALS",
     "OPTFLOW_USE_INITIAL_FLOW",
+    "DISOpticalFlow",
     "DISOpticalFlow_create",
     "DenseFlow",
     "buildOpticalFlowPyramid",
+    "calcOpticalFlowFarneback",
     "calcOpticalFlowPyrLK",
     "goodFeaturesToTrack",
 ]
 
-OPTFLOW_USE_INITIAL_FLOW = 4
 OPTFLOW_LK_GET_MIN_EIGENVALS = 8
 
 # More levels than a picture that fits into memory has, and the widest window of lk-core's structure tensor.
@@ -55,6 +64,31 @@ _COUNT, _EPS = 1, 2
 _DEFAULT_COUNT, _DEFAULT_EPS = 30, 0.01
 
 Criteria = tuple[int, int, float]
+
+# A float32 picture within these levels is one of 0 (black) to 1 (white), with room for what filters overshoot by. One
+# of 0 to 255 within them would be black all over.
+_UNIT_LEVELS = (-1.0, 2.0)
+_WHITE = 255.0
+
+
+def __getattr__(name: str) -> Any:
+    """Give OpenCV's own where rsflow does not stand in for it."""
+    # What begins with an underscore is asked for by import, doctest and the like, which must not load OpenCV.
+    if not name.startswith("_") or name == "__version__":
+        import cv2
+
+        try:
+            return getattr(cv2, name)
+        except AttributeError:
+            pass
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}, and neither has cv2")
+
+
+def __dir__() -> list[str]:
+    """List what is here and what is OpenCV's."""
+    import cv2
+
+    return sorted({*__all__, "__version__", *(name for name in dir(cv2) if not name.startswith("_"))})
 
 
 def calcOpticalFlowPyrLK(
@@ -75,7 +109,9 @@ def calcOpticalFlowPyrLK(
     Parameters
     ----------
     prevImg, nextImg : ndarray of uint8, shape (height, width), or pyramids of `buildOpticalFlowPyramid`
-        Grey frames; uint16 and float32 are taken too. Colour is not.
+        Grey frames; uint16 and float32 are taken too. Colour is not. float32 pictures of 0 (black) to 1 (white),
+        which are those that both have all their levels between -1 and 2, are measured as 255 times of what they hold,
+        so that `minEigThreshold` and `err` mean what they mean for uint8.
     prevPts : ndarray of float32, shape (N, 1, 2), (1, N, 2) or (N, 2)
         Positions in `prevImg` in pixels.
     nextPts : ndarray of float32 or None
@@ -134,6 +170,8 @@ def calcOpticalFlowPyrLK(
     count = min(max(count, 0), 100) if kind & _COUNT else _DEFAULT_COUNT
     epsilon = min(max(epsilon, 0.0), 10.0) if kind & _EPS else _DEFAULT_EPS
     before, after = _checks.pair(_image(prevImg), _image(nextImg), ("prevImg", "nextImg"))
+    if _is_unit(before) and _is_unit(after):
+        before, after = before * np.float32(_WHITE), after * np.float32(_WHITE)
     moved, found, error = _core.track_pyr_lk(
         before,
         after,
@@ -321,6 +359,15 @@ def _criteria(criteria: Criteria) -> tuple[int, int, float]:
 def _image(value: Any) -> Any:
     """Take the finest level of a pyramid, or the image itself."""
     return value[0] if isinstance(value, (list, tuple)) and len(value) else value
+
+
+def _is_unit(picture: NDArray[Any]) -> bool:
+    """Whether it is float32 of 0 to 1; pixels that are NaN do not say."""
+    if picture.dtype != np.float32 or picture.size == 0:
+        return False
+    darkest, brightest = _UNIT_LEVELS
+    lowest, highest = np.fmin.reduce(picture, axis=None), np.fmax.reduce(picture, axis=None)
+    return bool(darkest <= lowest and highest <= brightest)
 
 
 def _scharr(picture: NDArray[np.uint8]) -> NDArray[np.int16]:
