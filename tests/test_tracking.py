@@ -184,7 +184,7 @@ BAD_CALLS = {
     "window": (
         lambda f: rsflow.track_points(f, f, [], window_size=2),
         OptionError,
-        "window_size: got 2 x 2, expected 3",
+        r"window_size: got \(2, 2\), expected 3",
     ),
     "window type": (lambda f: rsflow.track_points(f, f, [], window_size="a"), OptionError, 'window_size: got "a"'),
     "levels": (lambda f: rsflow.track_points(f, f, [], levels=0), OptionError, "levels: got 0, expected 1 to 16"),

@@ -38,11 +38,10 @@ fn check_as<T: Grey>(case: &Case) {
             if axis == 0 { u } else { v * (x % 7) as f32 }
         })
     });
-    let hints = DenseHints {
-        initial: initial.as_ref().map(|flow| flow.view()),
-        mask: mask.as_ref().map(|mask| mask.view()),
-        next_mask: next_mask.as_ref().map(|mask| mask.view()),
-    };
+    let hints = DenseHints::default()
+        .initial(initial.as_ref().map(|flow| flow.view()))
+        .mask(mask.as_ref().map(|mask| mask.view()))
+        .next_mask(next_mask.as_ref().map(|mask| mask.view()));
     let options = |execution: Execution| {
         DenseOptions::default()
             .preset(

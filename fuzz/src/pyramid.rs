@@ -1,19 +1,17 @@
-//! `Pyramid`, `bilinear` and `Spline`, held to their definitions in f64.
+//! `Pyramid`, held to its definition in f64.
 
 use arbitrary::Arbitrary;
-use lk_core::{Plane, Pyramid, Spline, bilinear};
+use lk_core::{Plane, Pyramid};
 use ndarray::Array2;
 
 use crate::frames::{Frames, Grey};
 use crate::{by_depth, others, plain};
 
-/// A frame, and places to look at.
+/// A frame and how many levels.
 #[derive(Debug, Arbitrary)]
 pub struct Case {
     frames: Frames,
     levels: u8,
-    /// In 1/64 px from the corner at (-8, -8).
-    places: Vec<(u16, u16)>,
 }
 
 /// Panic if something is wrong with this case.
@@ -60,31 +58,6 @@ fn check_as<T: Grey>(case: &Case) {
             want = reduced(&want);
         }
     }
-    if greys.is_empty() {
-        return;
-    }
-    let plane = &pyramid.levels()[0];
-    let spline = Spline::new(plane).unwrap();
-    for (x, y) in &case.places {
-        let (x, y) = (
-            f32::from(x % 7168) / 64.0 - 8.0,
-            f32::from(y % 7168) / 64.0 - 8.0,
-        );
-        let error = (f64::from(bilinear(plane, x, y).unwrap())
-            - between(&greys, f64::from(x), f64::from(y)))
-        .abs();
-        assert!(error <= 4.0 * rounding, "bilinear at ({x}, {y}): {error}");
-        // A spline passes through its pixels.
-        let (column, row) = (
-            (x.abs() as usize) % plane.width(),
-            (y.abs() as usize) % plane.height(),
-        );
-        let error = f64::from(spline.at(column as f32, row as f32)) - greys[(row, column)];
-        assert!(
-            error.abs() <= 1e-4 * largest.max(1.0),
-            "spline at ({column}, {row}): {error}"
-        );
-    }
 }
 
 /// The 5-tap binomial filter at every second pixel, the border mirrored.
@@ -114,20 +87,6 @@ fn mirror(index: isize, size: usize) -> usize {
         index = if index < 0 { -index } else { 2 * last - index };
     }
     if last == 0 { 0 } else { index as usize }
-}
-
-/// Linear between four pixels; the nearest counts outside.
-fn between(frame: &Array2<f64>, x: f64, y: f64) -> f64 {
-    let (height, width) = frame.dim();
-    let (x, y) = (
-        x.clamp(0.0, (width - 1) as f64),
-        y.clamp(0.0, (height - 1) as f64),
-    );
-    let (left, top) = (x.floor() as usize, y.floor() as usize);
-    let (fx, fy) = (x - left as f64, y - top as f64);
-    let at = |row: usize, column: usize| frame[(row.min(height - 1), column.min(width - 1))];
-    let across = |row: usize| (1.0 - fx) * at(row, left) + fx * at(row, left + 1);
-    (1.0 - fy) * across(top) + fy * across(top + 1)
 }
 
 /// The bits of every value; of all that is not a number the same, since IEEE 754 leaves its sign open.

@@ -119,11 +119,9 @@ fn dense<T: Grey>(frames: &[&Array2<T>], masks: &[Option<Array2<bool>>; SHOWN]) 
     for number in 0..SHOWN {
         let mut streamed = FlowField::default();
         let before = number.saturating_sub(1);
-        let hints = DenseHints {
-            initial: None,
-            mask: masks[before].as_ref().map(|mask| mask.view()),
-            next_mask: masks[number].as_ref().map(|mask| mask.view()),
-        };
+        let hints = DenseHints::default()
+            .mask(masks[before].as_ref().map(|mask| mask.view()))
+            .next_mask(masks[number].as_ref().map(|mask| mask.view()));
         let is_pair = stream
             .update(frames[number].view(), hints, &mut streamed)
             .unwrap();

@@ -1,6 +1,6 @@
 //! Frames: pixel types, views that borrow the caller's memory, and planes of `f32` rows.
 
-use ndarray::ArrayView2;
+use ndarray::{ArrayView2, ShapeBuilder};
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
@@ -59,6 +59,44 @@ impl Pixel for f32 {
 
 /// A borrowed frame, `(height, width)`, with any strides.
 pub type Frame<'a, T> = ArrayView2<'a, T>;
+
+/// A frame of `width` by `height` pixels in memory that is not of ndarray: its rows begin `stride` elements apart.
+///
+/// # Errors
+///
+/// [`Error::Shape`] if the stride is less than the width, or `data` ends before the last row does.
+///
+/// ```
+/// use lk_core::frame_from_slice;
+///
+/// // Rows of 3 pixels, each with a byte of padding.
+/// let data = [1u8, 2, 3, 0, 4, 5, 6, 0];
+/// let frame = frame_from_slice(&data, 3, 2, 4)?;
+/// assert_eq!((frame.dim(), frame[(1, 2)]), ((2, 3), 6));
+/// assert!(frame_from_slice(&data, 3, 3, 4).is_err());
+/// # Ok::<(), lk_core::Error>(())
+/// ```
+pub fn frame_from_slice<T: Pixel>(
+    data: &[T],
+    width: usize,
+    height: usize,
+    stride: usize,
+) -> Result<Frame<'_, T>> {
+    if stride < width {
+        return Err(Error::shape(
+            "stride",
+            stride.to_string(),
+            format!("at least the width, {width}"),
+        ));
+    }
+    ArrayView2::from_shape((height, width).strides((stride, 1)), data).map_err(|_| {
+        Error::shape(
+            "data",
+            format!("{} elements", data.len()),
+            format!("those of {height} rows of {width}, {stride} apart"),
+        )
+    })
+}
 
 /// Grey levels as `f32`, in rows without gaps.
 #[derive(Debug, Default, PartialEq)]

@@ -2,10 +2,7 @@
 //!
 //! `docs/algorithms.md`, section "Light".
 
-use std::fmt;
-use std::str::FromStr;
-
-use crate::error::Error;
+use crate::options::names;
 
 /// How light may change from `prev` to `next`, within a window.
 ///
@@ -17,6 +14,7 @@ use crate::error::Error;
 /// # Ok::<(), lk_core::Error>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Illumination {
     /// Not at all: `next = prev`.
     None,
@@ -27,37 +25,4 @@ pub enum Illumination {
     GainOffset,
 }
 
-impl Illumination {
-    /// The name used in Python and on the command line.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::None => "none",
-            Self::Offset => "offset",
-            Self::GainOffset => "gain_offset",
-        }
-    }
-}
-
-impl fmt::Display for Illumination {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(self.name())
-    }
-}
-
-impl FromStr for Illumination {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self, Error> {
-        [Self::None, Self::Offset, Self::GainOffset]
-            .into_iter()
-            .find(|model| model.name() == name)
-            .ok_or_else(|| {
-                Error::option(
-                    "illumination",
-                    format!("{name:?}"),
-                    "\"none\", \"offset\" or \"gain_offset\"",
-                )
-            })
-    }
-}
+names!(Illumination, "illumination": None "none", Offset "offset", GainOffset "gain_offset");

@@ -2,9 +2,9 @@
 //! light and over large displacements.
 //!
 //! Motion is from `prev` to `next`: what was at (x, y) in `prev` is at (x + u, y + v) in `next`, with x to the right,
-//! y down and pixel centres at integers. Frames are [`ndarray::ArrayView2`] of `u8`, `u16` or `f32` with any strides;
-//! grey levels are never rescaled. The same input gives the same bits for any number of threads and on every CPU level
-//! of one architecture.
+//! y down and pixel centres at integers. Frames are [`ndarray::ArrayView2`] of `u8`, `u16` or `f32` with any strides,
+//! see also [`frame_from_slice`]; grey levels are never rescaled. The same input gives the same bits for any number of
+//! threads and on every CPU level of one architecture.
 #![deny(missing_docs)]
 
 #[cfg(doctest)]
@@ -20,18 +20,20 @@ mod frame;
 mod grey;
 mod illumination;
 mod memory;
+mod options;
 mod parallel;
 mod phase;
 mod presmooth;
 mod pyramid;
-mod sample;
 mod scratch;
-
 mod shift;
 mod simd;
 mod support;
 mod threads;
 mod track;
+
+/// The crate whose views frames, masks and results are, in the version that this crate takes.
+pub use ndarray;
 
 pub use corners::{Corner, CornerDetector, CornerOptions, detect_corners};
 pub use dense::{
@@ -39,11 +41,10 @@ pub use dense::{
 };
 pub use error::{Error, Result};
 pub use execution::Execution;
-pub use frame::{Frame, Pixel, Plane};
+pub use frame::{Frame, Pixel, Plane, frame_from_slice};
 pub use illumination::Illumination;
 pub use parallel::set_num_threads;
 pub use pyramid::Pyramid;
-pub use sample::{Spline, bilinear};
 pub use shift::{Roi, Shift, ShiftDeformation, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::SimdLevel;
 pub use support::Masks;

@@ -3,9 +3,8 @@
 
 use lk_core::{
     CornerOptions, DenseFlow, DenseHints, DenseOptions, Error, Execution, FlowField, MAX_THREADS,
-    Masks, Plane, PointTracker, Preset, PyrLkOptions, Pyramid, ShiftOptions, Spline, TrackOptions,
-    bilinear, dense_flow, detect_corners, estimate_shift, set_num_threads, track_points,
-    track_pyr_lk,
+    Masks, Plane, PointTracker, Preset, PyrLkOptions, Pyramid, ShiftOptions, TrackOptions,
+    dense_flow, detect_corners, estimate_shift, set_num_threads, track_points, track_pyr_lk,
 };
 use ndarray::{Array2, ArrayView2};
 
@@ -87,19 +86,6 @@ fn frames_that_take_no_memory_are_too_large_all_the_same() {
     assert!(is_shape(Pyramid::new(huge, 3, &Execution::default())));
     let mut tracker = PointTracker::new(options, CornerOptions::default()).unwrap();
     assert!(is_shape(tracker.update(huge, None).map(drop)));
-}
-
-#[test]
-fn nothing_lies_between_the_pixels_of_an_empty_plane() {
-    for (width, height) in [(0, 0), (0, 3), (3, 0)] {
-        let plane = Plane::new(width, height).unwrap();
-        assert!(is_shape(bilinear(&plane, 0.0, 0.0)) && is_shape(Spline::new(&plane)));
-    }
-    let spline = Spline::new(&Plane::new(3, 2).unwrap()).unwrap();
-    for far in [f32::MAX, f32::MIN, f32::INFINITY, f32::NAN] {
-        let _ = (spline.at(far, far), spline.gradient(far, 0.0));
-        let _ = bilinear(&Plane::new(3, 2).unwrap(), far, far).unwrap();
-    }
 }
 
 #[test]

@@ -1,4 +1,6 @@
 //! `estimate_shift` against a plain reference in f64, and its symmetries.
+//!
+//! Long because one scene and one reference serve every property.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use lk_core::{

@@ -71,11 +71,10 @@ impl DenseFlow {
             borrow_mask("mask", mask, prev.dim())?,
         );
         let counted_next = borrow_mask("next_mask", next_mask, prev.dim())?;
-        let hints = DenseHints {
-            initial: initial.as_ref().map(PyReadonlyArray3::as_array),
-            mask: counted.as_ref().map(PyReadonlyArray2::as_array),
-            next_mask: counted_next.as_ref().map(PyReadonlyArray2::as_array),
-        };
+        let hints = DenseHints::default()
+            .initial(initial.as_ref().map(PyReadonlyArray3::as_array))
+            .mask(counted.as_ref().map(PyReadonlyArray2::as_array))
+            .next_mask(counted_next.as_ref().map(PyReadonlyArray2::as_array));
         let pixels = prev.pixels();
         let field = with_pair!(pair(&prev, &next)?, |prev, next| self.call(
             py,
@@ -105,11 +104,10 @@ impl DenseFlow {
             borrow_mask("mask", mask, frame.dim())?,
         );
         let counted_next = borrow_mask("next_mask", next_mask, frame.dim())?;
-        let hints = DenseHints {
-            initial: initial.as_ref().map(PyReadonlyArray3::as_array),
-            mask: counted.as_ref().map(PyReadonlyArray2::as_array),
-            next_mask: counted_next.as_ref().map(PyReadonlyArray2::as_array),
-        };
+        let hints = DenseHints::default()
+            .initial(initial.as_ref().map(PyReadonlyArray3::as_array))
+            .mask(counted.as_ref().map(PyReadonlyArray2::as_array))
+            .next_mask(counted_next.as_ref().map(PyReadonlyArray2::as_array));
         let pixels = frame.pixels();
         let field = with_view!(frame.view(), |frame| self.call(py, pixels, |flow| {
             let mut field = FlowField::default();
@@ -147,20 +145,7 @@ impl DenseFlow {
 
     /// Take over what `state` gave, perhaps elsewhere.
     fn restore(&self, py: Python<'_>, state: Option<&Bound<'_, PyDict>>) -> PyResult<()> {
-        let snapshot = match state {
-            Some(state) => {
-                let extremes: Option<(f32, f32)> = entry(state, "extremes")?;
-                Some(DenseSnapshot {
-                    frame: array_plane("frame", &item(state, "frame")?)?,
-                    counts: array_plane("counts", &item(state, "counts")?)?,
-                    raw: array_plane("raw", &item(state, "raw")?)?,
-                    scale: entry(state, "scale")?,
-                    extremes: extremes.map(|(low, high)| [low, high]),
-                    all_finite: entry(state, "all_finite")?,
-                })
-            }
-            None => None,
-        };
+        let snapshot = state.map(snapshot_of).transpose()?;
         self.call(py, 0, |flow| flow.restore(snapshot.as_ref()))
     }
 }
@@ -181,6 +166,19 @@ impl DenseFlow {
             })
         })
     }
+}
+
+/// What [`DenseFlow::state`] gave.
+fn snapshot_of(state: &Bound<'_, PyDict>) -> PyResult<DenseSnapshot> {
+    let mut snapshot = DenseSnapshot::default();
+    snapshot.frame = array_plane("frame", &item(state, "frame")?)?;
+    snapshot.counts = array_plane("counts", &item(state, "counts")?)?;
+    snapshot.raw = array_plane("raw", &item(state, "raw")?)?;
+    snapshot.scale = entry(state, "scale")?;
+    let extremes: Option<(f32, f32)> = entry(state, "extremes")?;
+    snapshot.extremes = extremes.map(|(low, high)| [low, high]);
+    snapshot.all_finite = entry(state, "all_finite")?;
+    Ok(snapshot)
 }
 
 /// Borrow the argument `initial`; its size is checked by lk-core.

@@ -214,10 +214,7 @@ pub(crate) fn mask<'py>(
     if found != expected {
         return Err(raise(
             "ShapeError",
-            format!(
-                "{name}: got shape ({}, {}), expected that of the frames, ({}, {})",
-                found.0, found.1, expected.0, expected.1
-            ),
+            format!("{name}: got shape {found:?}, expected that of the frames, {expected:?}"),
         ));
     }
     Ok(Some(array))

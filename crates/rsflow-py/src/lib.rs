@@ -2,14 +2,17 @@
 //!
 //! Every call releases the GIL while it computes, and long ones look for signals; see `interrupt`.
 
+mod corners;
 mod errors;
 mod flow;
 mod frames;
 mod interrupt;
 mod outputs;
+mod points;
 mod shared;
 mod shift;
 mod states;
+mod tracker;
 mod tracking;
 
 use pyo3::prelude::*;
@@ -117,6 +120,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(get_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(build_info, module)?)?;
     tracking::register(module)?;
+    module.add_function(wrap_pyfunction!(corners::detect_corners, module)?)?;
+    module.add_class::<tracker::PyPointTracker>()?;
     module.add_function(wrap_pyfunction!(shift::estimate_shift, module)?)?;
     module.add_function(wrap_pyfunction!(shift::shift_statuses, module)?)?;
     Ok(())

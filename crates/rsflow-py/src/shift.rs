@@ -56,7 +56,8 @@ pub(crate) fn estimate_shift<'py>(
             deformation
                 .parse::<ShiftDeformation>()
                 .map_err(|error| to_python(&error))?,
-        );
+        )
+        .max_displacement(max_displacement);
     let (height, width) = prev.dim();
     let mut pixels = height * width;
     if let Some((x, y, width, height)) = roi {
@@ -67,9 +68,6 @@ pub(crate) fn estimate_shift<'py>(
             height,
         });
         pixels = pixels.min(width.saturating_mul(height).saturating_mul(9));
-    }
-    if let Some(limit) = max_displacement {
-        options = options.max_displacement(limit);
     }
     let shift = with_pair!(views, |prev, next| interrupt::run(
         py,

@@ -1,13 +1,15 @@
 //! What a corner is, what counts as one, and how many are wanted.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::execution::Execution;
+use crate::options::{expect_option, setters};
 
 /// The largest window of the structure tensor, in pixels a side.
 const MAX_BLOCK: usize = 63;
 
 /// A corner of a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Corner {
     /// Position (x, y) in pixels.
     pub position: [f32; 2],
@@ -50,88 +52,55 @@ impl Default for CornerOptions {
 }
 
 impl CornerOptions {
-    /// The most corners to return, the best ones; 0 means all. 400 by default.
-    #[must_use]
-    pub fn max_corners(mut self, corners: usize) -> Self {
-        self.max_corners = corners;
-        self
-    }
+    setters! {
+        /// The most corners to return, the best ones; 0 means all. 400 by default.
+        max_corners(corners: usize);
 
-    /// The least response of a corner, as a share of the best one's; 0.01 by default.
-    #[must_use]
-    pub fn quality(mut self, share: f32) -> Self {
-        self.quality = share;
-        self
-    }
+        /// The least response of a corner, as a share of the best one's; 0.01 by default.
+        quality(share: f32);
 
-    /// The least distance between corners in pixels; 8 by default.
-    #[must_use]
-    pub fn min_distance(mut self, pixels: f32) -> Self {
-        self.min_distance = pixels;
-        self
-    }
+        /// The least distance between corners in pixels; 8 by default.
+        min_distance(pixels: f32);
 
-    /// Side of the window over which the structure tensor is summed; 3 by default.
-    #[must_use]
-    pub fn block_size(mut self, pixels: usize) -> Self {
-        self.block_size = pixels;
-        self
-    }
+        /// Side of the window over which the structure tensor is summed; 3 by default.
+        block_size(pixels: usize);
 
-    /// Harris and Stephens' response, determinant - k trace^2, with this k, in place of the smaller eigenvalue.
-    #[must_use]
-    pub fn harris(mut self, k: Option<f32>) -> Self {
-        self.harris = k;
-        self
-    }
+        /// Harris and Stephens' response, determinant - k trace^2, with this k, in place of the smaller eigenvalue.
+        harris(k: Option<f32>);
 
-    /// A mask says where corners may be, and not which pixels their gradients may look at, as OpenCV has it; false by
-    /// default.
-    #[must_use]
-    pub fn mask_corners_only(mut self, yes: bool) -> Self {
-        self.mask_corners_only = yes;
-        self
-    }
+        /// A mask says where corners may be, and not which pixels their gradients may look at, as OpenCV has it; false by
+        /// default.
+        mask_corners_only(yes: bool);
 
-    /// Threads, instructions and cancellation.
-    #[must_use]
-    pub fn execution(mut self, execution: Execution) -> Self {
-        self.execution = execution;
-        self
+        /// Threads, instructions and cancellation.
+        execution(execution: Execution);
     }
 
     /// Check every option.
     ///
     /// # Errors
     ///
-    /// [`Error::Option`] for the first one outside of what it allows.
+    /// [`Error::Option`](crate::Error::Option) for the first one outside of what it allows.
     pub fn validate(&self) -> Result<()> {
-        if !(self.quality > 0.0 && self.quality <= 1.0) {
-            return Err(Error::option(
-                "quality",
-                self.quality,
-                "more than 0, at most 1",
-            ));
-        }
-        if !(self.min_distance >= 0.0 && self.min_distance.is_finite()) {
-            return Err(Error::option(
-                "min_distance",
-                self.min_distance,
-                "0 or more pixels",
-            ));
-        }
-        if !(1..=MAX_BLOCK).contains(&self.block_size) {
-            return Err(Error::option(
-                "block_size",
-                self.block_size,
-                format!("1 to {MAX_BLOCK} pixels"),
-            ));
-        }
-        if let Some(k) = self.harris
-            && !k.is_finite()
-        {
-            return Err(Error::option("harris", k, "a finite number"));
-        }
-        Ok(())
+        expect_option(
+            self.quality > 0.0 && self.quality <= 1.0,
+            "quality",
+            self.quality,
+            "more than 0, at most 1",
+        )?;
+        expect_option(
+            self.min_distance >= 0.0 && self.min_distance.is_finite(),
+            "min_distance",
+            self.min_distance,
+            "0 or more pixels",
+        )?;
+        expect_option(
+            (1..=MAX_BLOCK).contains(&self.block_size),
+            "block_size",
+            self.block_size,
+            format_args!("1 to {MAX_BLOCK} pixels"),
+        )?;
+        let k = self.harris.unwrap_or_default();
+        expect_option(k.is_finite(), "harris", k, "a finite number")
     }
 }

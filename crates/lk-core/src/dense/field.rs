@@ -1,5 +1,7 @@
 //! The result of dense flow.
 
+use ndarray::{ArrayView, Dimension, Ix2, Ix3, Ix4};
+
 use crate::error::Result;
 use crate::frame::Plane;
 use crate::memory::zeros;
@@ -59,6 +61,45 @@ impl FlowField {
         (self.covariance.len() == 4 * self.valid.len()).then_some(&self.covariance)
     }
 
+    /// [`FlowField::uv`] as an array, (height, width, 2).
+    ///
+    /// ```
+    /// use lk_core::{DenseHints, DenseOptions, dense_flow};
+    /// use lk_core::ndarray::Array2;
+    ///
+    /// let scene = |x: f32, y: f32| 100.0 + 40.0 * (0.5 * x).sin() + 40.0 * (0.4 * y + 0.1 * x).cos();
+    /// let prev = Array2::from_shape_fn((48, 64), |(y, x)| scene(x as f32, y as f32));
+    /// let next = Array2::from_shape_fn((48, 64), |(y, x)| scene(x as f32 - 1.5, y as f32));
+    /// let field = dense_flow(prev.view(), next.view(), DenseHints::default(), &DenseOptions::default())?;
+    /// let (uv, valid) = (field.uv_view(), field.valid_view());
+    /// assert_eq!((uv.dim(), valid.dim()), ((48, 64, 2), (48, 64)));
+    /// assert!(valid[(24, 32)] && (uv[(24, 32, 0)] - 1.5).abs() < 0.1);
+    /// # Ok::<(), lk_core::Error>(())
+    /// ```
+    #[must_use]
+    pub fn uv_view(&self) -> ArrayView<'_, f32, Ix3> {
+        view(&self.uv, Ix3(self.height, self.width, 2))
+    }
+
+    /// [`FlowField::valid`] as an array, (height, width).
+    #[must_use]
+    pub fn valid_view(&self) -> ArrayView<'_, bool, Ix2> {
+        view(&self.valid, Ix2(self.height, self.width))
+    }
+
+    /// [`FlowField::residual`] as an array, (height, width).
+    #[must_use]
+    pub fn residual_view(&self) -> ArrayView<'_, f32, Ix2> {
+        view(&self.residual, Ix2(self.height, self.width))
+    }
+
+    /// [`FlowField::covariance`] as an array, (height, width, 2, 2).
+    #[must_use]
+    pub fn covariance_view(&self) -> Option<ArrayView<'_, f32, Ix4>> {
+        let shape = Ix4(self.height, self.width, 2, 2);
+        self.covariance().map(|covariance| view(covariance, shape))
+    }
+
     /// The covariance as a vector, without a copy; empty if it was not asked for.
     #[must_use]
     pub fn take_covariance(&mut self) -> Vec<f32> {
@@ -112,5 +153,13 @@ impl FlowField {
         self.valid.fill(false);
         self.residual.fill(f32::NAN);
         self.covariance.fill(f32::NAN);
+    }
+}
+
+/// Memory as an array of the shape that it was made for.
+fn view<T, D: Dimension>(data: &[T], shape: D) -> ArrayView<'_, T, D> {
+    match ArrayView::from_shape(shape, data) {
+        Ok(view) => view,
+        Err(error) => unreachable!("a field has memory of its own size: {error}"),
     }
 }

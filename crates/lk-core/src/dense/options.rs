@@ -4,9 +4,10 @@
 
 use ndarray::{ArrayView2, ArrayView3};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::execution::Execution;
 use crate::illumination::Illumination;
+use crate::options::{expect_option, is_positive, names, setters};
 
 pub(crate) use super::refine::RefineRecipe;
 
@@ -20,6 +21,7 @@ pub(crate) use super::refine::RefineRecipe;
 /// # Ok::<(), lk_core::Error>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Preset {
     /// Measured on a level of half the size, for the least time.
     Ultrafast,
@@ -32,35 +34,13 @@ pub enum Preset {
     Accurate,
 }
 
-impl Preset {
-    /// The name used in Python and on the command line.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ultrafast => "ultrafast",
-            Self::Fast => "fast",
-            Self::Balanced => "balanced",
-            Self::Accurate => "accurate",
-        }
-    }
-}
-
-impl std::str::FromStr for Preset {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        [Self::Ultrafast, Self::Fast, Self::Balanced, Self::Accurate]
-            .into_iter()
-            .find(|preset| preset.name() == name)
-            .ok_or_else(|| {
-                Error::option(
-                    "preset",
-                    format!("{name:?}"),
-                    "\"ultrafast\", \"fast\", \"balanced\" or \"accurate\"",
-                )
-            })
-    }
-}
+names!(
+    Preset, "preset":
+    Ultrafast "ultrafast",
+    Fast "fast",
+    Balanced "balanced",
+    Accurate "accurate",
+);
 
 /// What is done on a level: steps, then rounds on a grid of half the size, then rounds at all pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -290,58 +270,49 @@ impl DenseOptions {
         self
     }
 
-    /// How light may change.
-    #[must_use]
-    pub fn illumination(mut self, illumination: Illumination) -> Self {
-        self.illumination = illumination;
-        self
-    }
+    setters! {
+        /// How light may change.
+        illumination(illumination: Illumination);
 
-    /// The longest displacement to look for, a length in pixels: longer vectors are not sought, and none is valid. By default
-    /// half the frame along each axis.
-    #[must_use]
-    pub fn max_displacement(mut self, pixels: Option<f32>) -> Self {
-        self.max_displacement = pixels;
-        self
-    }
+        /// The longest displacement to look for, a length in pixels: longer vectors are not sought, and none is valid. By default
+        /// half the frame along each axis.
+        max_displacement(pixels: Option<f32>);
 
-    /// Whether to say how far the flow of each pixel may be off ([`FlowField::covariance`]); not by default.
-    ///
-    /// [`FlowField::covariance`]: crate::FlowField::covariance
-    #[must_use]
-    pub fn covariance(mut self, wanted: bool) -> Self {
-        self.covariance = wanted;
-        self
-    }
+        /// Whether to say how far the flow of each pixel may be off ([`FlowField::covariance`]); not by default.
+        ///
+        /// [`FlowField::covariance`]: crate::FlowField::covariance
+        covariance(wanted: bool);
 
-    /// Threads, instructions and cancel flag.
-    #[must_use]
-    pub fn execution(mut self, execution: Execution) -> Self {
-        self.execution = execution;
-        self
+        /// Threads, instructions and cancel flag.
+        execution(execution: Execution);
     }
 
     /// Whether every option is within what it allows.
     ///
     /// # Errors
     ///
-    /// [`Error::Option`], which names the option.
+    /// [`Error::Option`](crate::Error::Option), which names the option.
     pub fn validate(&self) -> Result<()> {
-        if let Some(most) = self.max_displacement
-            && !(most > 0.0 && most.is_finite())
-        {
-            return Err(Error::option(
-                "max_displacement",
-                most,
-                "a positive number of pixels, or None",
-            ));
-        }
-        Ok(())
+        expect_option(
+            is_positive(self.max_displacement),
+            "max_displacement",
+            self.max_displacement.unwrap_or_default(),
+            "a positive number of pixels, or None",
+        )
     }
 }
 
 /// What a measurement may know besides its two frames.
+///
+/// ```
+/// use lk_core::DenseHints;
+/// use ndarray::Array2;
+///
+/// let keep = Array2::from_elem((48, 64), true);
+/// assert!(DenseHints::default().mask(keep.view()).mask.is_some());
+/// ```
 #[derive(Debug, Clone, Copy, Default)]
+#[non_exhaustive]
 pub struct DenseHints<'a> {
     /// A flow to start from, (height, width, 2) in pixels; where it is not finite, or longer than the frame, it is taken
     /// as zero.
@@ -353,4 +324,27 @@ pub struct DenseHints<'a> {
     /// (height, width): false at pixels of `next` that count for nothing. A pixel of `prev` counts where it and what it
     /// moves to do.
     pub next_mask: Option<ArrayView2<'a, bool>>,
+}
+
+impl<'a> DenseHints<'a> {
+    /// With a flow to start from.
+    #[must_use]
+    pub fn initial(self, flow: impl Into<Option<ArrayView3<'a, f32>>>) -> Self {
+        let initial = flow.into();
+        Self { initial, ..self }
+    }
+
+    /// With the pixels of `prev` that count.
+    #[must_use]
+    pub fn mask(self, mask: impl Into<Option<ArrayView2<'a, bool>>>) -> Self {
+        let mask = mask.into();
+        Self { mask, ..self }
+    }
+
+    /// With the pixels of `next` that count.
+    #[must_use]
+    pub fn next_mask(self, mask: impl Into<Option<ArrayView2<'a, bool>>>) -> Self {
+        let next_mask = mask.into();
+        Self { next_mask, ..self }
+    }
 }

@@ -10,8 +10,9 @@ use super::DenseFlow;
 use super::source::Source;
 
 /// What a [`DenseFlow`] knows of the frame before, to the bit: one of the same options that is given it goes on as the
-/// first would have.
-#[derive(Debug, Clone, PartialEq)]
+/// first would have. To make one from what was written somewhere, fill in the fields of a default one.
+#[derive(Debug, Clone, PartialEq, Default)]
+#[non_exhaustive]
 pub struct DenseSnapshot {
     /// Its grey levels times `scale`, smoothed; pixels that do not count have those of what is around them.
     pub frame: Plane,

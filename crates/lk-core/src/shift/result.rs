@@ -55,6 +55,7 @@ impl ShiftStatus {
 
 /// The displacement of a window.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Shift {
     /// Displacement to the right, in pixels; NaN where not measured.
     pub dx: f64,

@@ -278,22 +278,44 @@ impl StripeSums<'_> {
             }
             bent += laplacian * laplacian;
         }
-        let sums = &mut tile.sums;
+        let column = ColumnSums {
+            products,
+            plain,
+            times_y,
+            place_sums,
+            bent,
+        };
+        column.add_to::<COUNT>(&mut tile.sums, place_x);
+    }
+}
+
+/// The sums over a column of lanes.
+struct ColumnSums<L> {
+    products: [L; 10],
+    plain: [L; 4],
+    times_y: [L; 4],
+    place_sums: [L; 6],
+    bent: L,
+}
+
+impl<L: Eight> ColumnSums<L> {
+    #[inline(always)]
+    fn add_to<const COUNT: u8>(self, sums: &mut [Packed; SUMS], place_x: L) {
         for i in 0..10 {
-            add(&mut sums[PRODUCTS + i], products[i]);
+            add(&mut sums[PRODUCTS + i], self.products[i]);
         }
         for i in 0..4 {
-            add(&mut sums[PLAIN + i], plain[i]);
+            add(&mut sums[PLAIN + i], self.plain[i]);
             // A lane of a column has one x.
-            add(&mut sums[TIMES_X + i], plain[i] * place_x);
-            add(&mut sums[TIMES_Y + i], times_y[i]);
+            add(&mut sums[TIMES_X + i], self.plain[i] * place_x);
+            add(&mut sums[TIMES_Y + i], self.times_y[i]);
         }
         if COUNT == WEIGHTED {
             for i in 0..6 {
-                add(&mut sums[WEIGHT + i], place_sums[i]);
+                add(&mut sums[WEIGHT + i], self.place_sums[i]);
             }
         }
-        add(&mut sums[LAPLACIAN], bent);
+        add(&mut sums[LAPLACIAN], self.bent);
     }
 }
 

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::track::affine::Warp;
 use crate::track::neighbours::Grid;
 use crate::track::options::{PointStatus, TrackedPoint};
-use crate::track::solve::Problem;
+use crate::track::problem::Problem;
 
 /// Of so many points at least, this share must be lost.
 const LEAST_POINTS: usize = 64;

@@ -15,6 +15,7 @@ mod normal;
 mod opencv_compat;
 mod options;
 mod patch;
+mod problem;
 mod repetition;
 mod retry;
 mod snapshot;
@@ -41,8 +42,7 @@ use crate::pyramid::Pyramid;
 use crate::support::Masks;
 use consensus::reject_isolated;
 use options::POINTS;
-use retry::Memory;
-use solve::{Problem, Workspace};
+use problem::Problem;
 
 /// Points that one thread takes at least: some 50 us of work.
 const MIN_POINTS: usize = 16;
@@ -71,25 +71,59 @@ pub fn track_points<T: Pixel>(
     let mut kept = KEPT.take();
     let mut tracks = Vec::new();
     let guesses = Guesses { initial, masks };
-    let (levels, memory) = (options.levels_for(width, height), &mut kept);
+    let (levels, workspace) = (options.levels_for(width, height), &mut kept);
     within_pool(&options.execution, || {
-        let Kept {
+        let Workspace {
             prev: before,
             next: after,
-            memory,
-        } = memory;
+            retry,
+        } = workspace;
         let (first, second) = both(
             &options.execution,
             || before.rebuild_masked(prev, masks.of_prev(), levels, &options.execution),
             || after.rebuild_masked(next, masks.of_next(), levels, &options.execution),
         )?;
         first.and(second)?;
-        track_keeping(before, after, points, guesses, options, memory, &mut tracks)
+        track_keeping(before, after, points, guesses, options, retry, &mut tracks)
     })?;
     if width * height <= LARGEST_KEPT {
         KEPT.set(kept);
     }
     Ok(tracks)
+}
+
+impl Pyramid {
+    /// The pyramid of `frame` for [`track_pyramids`], with as many levels as `options` ask for
+    /// ([`TrackOptions::levels_for`]); `mask` is true where a pixel counts.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Pyramid::masked`] and of [`TrackOptions::validate`].
+    ///
+    /// ```
+    /// use lk_core::{Pyramid, TrackOptions, track_pyramids};
+    /// use lk_core::ndarray::Array2;
+    ///
+    /// let scene = |x: f32, y: f32| 100.0 + 40.0 * (0.3 * x).sin() * (0.2 * y).cos() + 20.0 * (0.05 * x + 0.3 * y).sin();
+    /// let frame = |dx: f32| Array2::from_shape_fn((96, 128), |(y, x)| scene(x as f32 - dx, y as f32));
+    /// let options = TrackOptions::default();
+    /// let prev = Pyramid::for_tracking(frame(0.0).view(), None, &options)?;
+    /// let next = Pyramid::for_tracking(frame(1.5).view(), None, &options)?;
+    /// let mut tracks = Vec::new();
+    /// track_pyramids(&prev, &next, &[[60.0, 50.0]], None, &options, &mut tracks)?;
+    /// assert!((tracks[0].position[0] - 61.5).abs() < 0.05);
+    /// # Ok::<(), lk_core::Error>(())
+    /// ```
+    pub fn for_tracking<T: Pixel>(
+        frame: Frame<'_, T>,
+        mask: Option<ArrayView2<'_, bool>>,
+        options: &TrackOptions,
+    ) -> Result<Self> {
+        options.validate()?;
+        let (height, width) = frame.dim();
+        let levels = options.levels_for(width, height);
+        Self::masked(frame, mask, levels, &options.execution)
+    }
 }
 
 /// Frames of more pixels than this do not leave their memory with the thread: the pyramids of one this size take
@@ -98,14 +132,14 @@ const LARGEST_KEPT: usize = 1 << 21;
 
 /// What a thread keeps from call to call: fresh memory for two pyramids costs as much as building them.
 #[derive(Debug, Default)]
-struct Kept {
+struct Workspace {
     prev: Pyramid,
     next: Pyramid,
-    memory: Memory,
+    retry: retry::Workspace,
 }
 
 thread_local! {
-    static KEPT: Cell<Kept> = Cell::default();
+    static KEPT: Cell<Workspace> = Cell::default();
 }
 
 /// The same on pyramids, which a sequence builds once a frame; `tracks` is replaced. Which pixels count is what
@@ -130,7 +164,7 @@ pub fn track_pyramids(
         points,
         guesses,
         options,
-        &mut Memory::default(),
+        &mut retry::Workspace::default(),
         tracks,
     )
 }
@@ -150,7 +184,7 @@ fn track_keeping(
     points: &[[f32; 2]],
     Guesses { initial, masks }: Guesses<'_, '_>,
     options: &TrackOptions,
-    memory: &mut Memory,
+    retry: &mut retry::Workspace,
     tracks: &mut Vec<TrackedPoint>,
 ) -> Result<()> {
     options.validate()?;
@@ -194,7 +228,7 @@ fn track_keeping(
         MIN_POINTS,
         RowsMut::new(tracks, 1),
         |range, part| {
-            Workspace::with(|workspace| {
+            problem::Workspace::with(|workspace| {
                 for (track, index) in part.data.iter_mut().zip(range) {
                     let point = points[index];
                     if masks.of_prev().is_some_and(|mask| masked(mask, point)) {
@@ -209,8 +243,8 @@ fn track_keeping(
             });
         },
     )?;
-    memory.retry(&problem, points, tracks)?;
-    memory.deformed.find(&problem, points, tracks)?;
+    retry.retry(&problem, points, tracks)?;
+    retry.deformed.find(&problem, points, tracks)?;
     if let Some(mask) = masks.of_next() {
         for track in tracks.iter_mut() {
             if track.is_valid() && masked(mask, track.position) {
@@ -218,10 +252,10 @@ fn track_keeping(
             }
         }
     }
-    memory
+    retry
         .repetition
-        .reject_ambiguous(&problem, points, tracks, &mut memory.grid)?;
-    reject_isolated(&problem, points, tracks, &mut memory.grid)
+        .reject_ambiguous(&problem, points, tracks, &mut retry.grid)?;
+    reject_isolated(&problem, points, tracks, &mut retry.grid)
 }
 
 /// Whether the pixel that `point` is in is excluded.

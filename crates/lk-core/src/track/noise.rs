@@ -3,7 +3,6 @@
 //!
 //! `docs/algorithms.md`, section "Covariance of a point".
 
-use crate::sample::cubic;
 use crate::track::patch::Window;
 
 /// Correlation of neighbouring gradients, and their energy.
@@ -119,6 +118,18 @@ fn slope(gradients: &Gradients, own: f64) -> f64 {
         return 1.0;
     }
     energy / gradients.energy * (1.0 + lost + lost * lost)
+}
+
+/// The weights of the four taps of the cubic B-spline around a position `t` after the second of them.
+#[inline(always)]
+pub(super) fn cubic(t: f32) -> [f32; 4] {
+    let s = 1.0 - t;
+    [
+        s * s * s / 6.0,
+        2.0 / 3.0 - t * t * (1.0 - t / 2.0),
+        2.0 / 3.0 - s * s * (1.0 - s / 2.0),
+        t * t * t / 6.0,
+    ]
 }
 
 #[cfg(test)]

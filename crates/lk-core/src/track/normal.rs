@@ -65,6 +65,13 @@ pub(crate) struct Step {
     pub(crate) gain: f64,
 }
 
+impl Step {
+    /// The displacement after it.
+    pub(crate) fn after(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [x + self.delta[0], y + self.delta[1]]
+    }
+}
+
 impl Normal {
     /// `None` if the window's texture does not fix a displacement at all, or holds a NaN.
     pub(crate) fn new(template: &Template, light: Light) -> Option<Self> {

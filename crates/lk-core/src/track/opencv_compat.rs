@@ -7,14 +7,13 @@ use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, Plane, expect_size};
 use crate::memory::resize;
+use crate::options::setters;
 use crate::parallel::{RowsMut, for_each_band};
 use crate::pyramid::Pyramid;
 use crate::simd::{SimdLevel, dispatch};
 use crate::track::options::POINTS;
-use crate::track::patch::Light;
 use crate::track::patch::{
-    AbsoluteDifference, BorderScratch, BuildTemplate, Compare, MAX_WINDOW, Sampling, Template,
-    Window,
+    AbsoluteDifference, BorderScratch, BuildTemplate, Compare, Light, Sampling, Template, Window,
 };
 
 /// Steps of opposite direction that differ by less than this, in pixels, are an oscillation.
@@ -41,10 +40,7 @@ pub struct PyrLkOptions {
 impl Default for PyrLkOptions {
     fn default() -> Self {
         Self {
-            window: Window {
-                width: 21,
-                height: 21,
-            },
+            window: Window::default(),
             max_level: 3,
             iterations: 30,
             epsilon: 0.01,
@@ -63,11 +59,19 @@ impl PyrLkOptions {
         self
     }
 
-    /// Index of the coarsest level; 3 by default.
-    #[must_use]
-    pub fn max_level(mut self, level: usize) -> Self {
-        self.max_level = level;
-        self
+    setters! {
+        /// Index of the coarsest level; 3 by default.
+        max_level(level: usize);
+
+        /// The least smaller eigenvalue of the mean structure tensor, in 1/1024 of squared grey levels per pixel;
+        /// 1e-4 by default.
+        min_eigenvalue(threshold: f64);
+
+        /// Give that eigenvalue as the error, in place of the mean absolute difference.
+        eigenvalue_as_error(yes: bool);
+
+        /// Threads, instructions and cancellation.
+        execution(execution: Execution);
     }
 
     /// When to stop on a level: after so many steps, or one of this length in pixels; 30 and 0.01 by default.
@@ -75,28 +79,6 @@ impl PyrLkOptions {
     pub fn criteria(mut self, iterations: usize, epsilon: f64) -> Self {
         self.iterations = iterations;
         self.epsilon = epsilon;
-        self
-    }
-
-    /// The least smaller eigenvalue of the mean structure tensor, in 1/1024 of squared grey levels per pixel;
-    /// 1e-4 by default.
-    #[must_use]
-    pub fn min_eigenvalue(mut self, threshold: f64) -> Self {
-        self.min_eigenvalue = threshold;
-        self
-    }
-
-    /// Give that eigenvalue as the error, in place of the mean absolute difference.
-    #[must_use]
-    pub fn eigenvalue_as_error(mut self, yes: bool) -> Self {
-        self.eigenvalue_as_error = yes;
-        self
-    }
-
-    /// Threads, instructions and cancellation.
-    #[must_use]
-    pub fn execution(mut self, execution: Execution) -> Self {
-        self.execution = execution;
         self
     }
 
@@ -116,6 +98,7 @@ impl PyrLkOptions {
 
 /// Where one point went, in OpenCV's terms.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct PyrLkPoint {
     /// Position (x, y) in `next`; where the search ended if the point was lost.
     pub position: [f32; 2],
@@ -138,14 +121,7 @@ pub fn track_pyr_lk<T: Pixel>(
     initial: Option<&[[f32; 2]]>,
     options: &PyrLkOptions,
 ) -> Result<Vec<PyrLkPoint>> {
-    let window = options.window;
-    if !(3..=MAX_WINDOW).contains(&window.width) || !(3..=MAX_WINDOW).contains(&window.height) {
-        return Err(Error::option(
-            "winSize",
-            format!("({}, {})", window.width, window.height),
-            format!("3 to {MAX_WINDOW} pixels a side"),
-        ));
-    }
+    options.window.expect_allowed("winSize")?;
     expect_size("nextImg", next.dim(), "prevImg", prev.dim())?;
     if initial.is_some_and(|initial| initial.len() != points.len()) {
         return Err(Error::shape(

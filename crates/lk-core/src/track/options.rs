@@ -1,15 +1,13 @@
 //! What a caller may set, and what a caller gets.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::execution::Execution;
 use crate::illumination::Illumination;
-use crate::track::patch::{MAX_WINDOW, Window};
+use crate::options::{expect_option, is_positive, names, setters};
+use crate::track::patch::Window;
 
 /// What memory for points holds.
 pub(super) const POINTS: &str = "points";
-
-/// The smallest window, in pixels a side: less has no gradient to speak of.
-const MIN_WINDOW: usize = 3;
 
 /// Levels beyond which no frame that fits into memory has pixels left.
 const MAX_LEVELS: usize = 16;
@@ -39,10 +37,7 @@ pub struct TrackOptions {
 impl Default for TrackOptions {
     fn default() -> Self {
         Self {
-            window: Window {
-                width: 21,
-                height: 21,
-            },
+            window: Window::default(),
             levels: None,
             max_displacement: None,
             max_iterations: 30,
@@ -75,120 +70,82 @@ impl TrackOptions {
         self.window.width.max(self.window.height)
     }
 
-    /// Levels of the pyramid, the frame itself included; `None`, the default, follows from frame and displacement.
-    #[must_use]
-    pub fn levels(mut self, levels: Option<usize>) -> Self {
-        self.levels = levels;
-        self
-    }
+    setters! {
+        /// Levels of the pyramid, the frame itself included; `None`, the default, follows from frame and displacement.
+        levels(levels: Option<usize>);
 
-    /// The longest displacement to look for, a length in pixels: longer ones are not valid; `None`, the default, looks for any. On texture that repeats and
-    /// fills the picture, one below half of the period says which of several displacements it was.
-    #[must_use]
-    pub fn max_displacement(mut self, pixels: Option<f32>) -> Self {
-        self.max_displacement = pixels;
-        self
-    }
+        /// The longest displacement to look for, a length in pixels: longer ones are not valid; `None`, the default, looks for any. On texture that repeats and
+        /// fills the picture, one below half of the period says which of several displacements it was.
+        max_displacement(pixels: Option<f32>);
 
-    /// Steps on one level after which a point counts as not converged; 30 by default.
-    #[must_use]
-    pub fn max_iterations(mut self, iterations: usize) -> Self {
-        self.max_iterations = iterations;
-        self
-    }
+        /// Steps on one level after which a point counts as not converged; 30 by default.
+        max_iterations(iterations: usize);
 
-    /// Length of a step in pixels below which a point has converged; 0.01 by default.
-    #[must_use]
-    pub fn epsilon(mut self, pixels: f32) -> Self {
-        self.epsilon = pixels;
-        self
-    }
+        /// Length of a step in pixels below which a point has converged; 0.01 by default.
+        epsilon(pixels: f32);
 
-    /// What may change in the light of a window.
-    #[must_use]
-    pub fn illumination(mut self, illumination: Illumination) -> Self {
-        self.illumination = illumination;
-        self
-    }
+        /// What may change in the light of a window.
+        illumination(illumination: Illumination);
 
-    /// How far from its start a point may come back, in pixels, when it is tracked back; `None` does not look.
-    /// 0.5 by default.
-    #[must_use]
-    pub fn max_forward_backward(mut self, pixels: Option<f32>) -> Self {
-        self.max_forward_backward = pixels;
-        self
-    }
+        /// How far from its start a point may come back, in pixels, when it is tracked back; `None` does not look.
+        /// 0.5 by default.
+        max_forward_backward(pixels: Option<f32>);
 
-    /// Whether windows may turn, grow and shear; [`Deformation::Auto`] by default.
-    #[must_use]
-    pub fn deformation(mut self, deformation: Deformation) -> Self {
-        self.deformation = deformation;
-        self
-    }
+        /// Whether windows may turn, grow and shear; [`Deformation::Auto`] by default.
+        deformation(deformation: Deformation);
 
-    /// Threads, instructions and cancellation.
-    #[must_use]
-    pub fn execution(mut self, execution: Execution) -> Self {
-        self.execution = execution;
-        self
+        /// Threads, instructions and cancellation.
+        execution(execution: Execution);
     }
 
     /// Check every option.
     ///
     /// # Errors
     ///
-    /// [`Error::Option`] for the first one outside of what it allows.
+    /// [`Error::Option`](crate::Error::Option) for the first one outside of what it allows.
     pub fn validate(&self) -> Result<()> {
-        let sides = MIN_WINDOW..=MAX_WINDOW;
-        if !sides.contains(&self.window.width) || !sides.contains(&self.window.height) {
-            return Err(Error::option(
-                "window_size",
-                format!("{} x {}", self.window.width, self.window.height),
-                format!("{MIN_WINDOW} to {MAX_WINDOW} pixels a side"),
-            ));
-        }
-        if let Some(levels) = self.levels
-            && !(1..=MAX_LEVELS).contains(&levels)
-        {
-            return Err(Error::option(
-                "levels",
-                levels,
-                format!("1 to {MAX_LEVELS}, or none for as many as it takes"),
-            ));
-        }
-        if let Some(pixels) = self.max_displacement
-            && !(pixels > 0.0 && pixels.is_finite())
-        {
-            return Err(Error::option(
-                "max_displacement",
-                pixels,
-                "a positive number of pixels, or none for any displacement",
-            ));
-        }
-        if self.max_iterations == 0 {
-            return Err(Error::option("max_iterations", 0, "1 or more"));
-        }
-        if !(self.epsilon > 0.0 && self.epsilon.is_finite()) {
-            return Err(Error::option(
-                "epsilon",
-                self.epsilon,
-                "a positive number of pixels",
-            ));
-        }
-        if let Some(pixels) = self.max_forward_backward
-            && !(pixels > 0.0 && pixels.is_finite())
-        {
-            return Err(Error::option(
-                "max_forward_backward",
-                pixels,
-                "a positive number of pixels, or none for no check",
-            ));
-        }
-        Ok(())
+        self.window.expect_allowed("window_size")?;
+        let levels = self.levels.unwrap_or(1);
+        expect_option(
+            (1..=MAX_LEVELS).contains(&levels),
+            "levels",
+            levels,
+            format_args!("1 to {MAX_LEVELS}, or none for as many as it takes"),
+        )?;
+        expect_option(
+            is_positive(self.max_displacement),
+            "max_displacement",
+            self.max_displacement.unwrap_or_default(),
+            "a positive number of pixels, or none for any displacement",
+        )?;
+        expect_option(self.max_iterations > 0, "max_iterations", 0, "1 or more")?;
+        expect_option(
+            is_positive(Some(self.epsilon)),
+            "epsilon",
+            self.epsilon,
+            "a positive number of pixels",
+        )?;
+        expect_option(
+            is_positive(self.max_forward_backward),
+            "max_forward_backward",
+            self.max_forward_backward.unwrap_or_default(),
+            "a positive number of pixels, or none for no check",
+        )
     }
 
-    /// Levels for frames of this size.
-    pub(crate) fn levels_for(&self, width: usize, height: usize) -> usize {
+    /// Levels of the pyramids of frames of this size: those that were set, or as many as the window and the displacement
+    /// ask for. A pyramid of fewer levels is tracked on those that it has.
+    ///
+    /// ```
+    /// use lk_core::TrackOptions;
+    ///
+    /// let options = TrackOptions::default();
+    /// assert_eq!(options.levels_for(640, 480), 4);
+    /// assert_eq!(options.max_displacement(Some(100.0)).levels_for(1920, 1080), 5);
+    /// assert_eq!(TrackOptions::default().levels(Some(2)).levels_for(640, 480), 2);
+    /// ```
+    #[must_use]
+    pub fn levels_for(&self, width: usize, height: usize) -> usize {
         if let Some(levels) = self.levels {
             return levels;
         }
@@ -226,22 +183,7 @@ pub enum Deformation {
     Affine,
 }
 
-impl std::str::FromStr for Deformation {
-    type Err = Error;
-
-    fn from_str(name: &str) -> Result<Self> {
-        match name {
-            "auto" => Ok(Self::Auto),
-            "none" => Ok(Self::None),
-            "affine" => Ok(Self::Affine),
-            _ => Err(Error::option(
-                "deformation",
-                format!("'{name}'"),
-                "'auto', 'none' or 'affine'",
-            )),
-        }
-    }
-}
+names!(Deformation, "deformation": Auto "auto", None "none", Affine "affine");
 
 /// Whether a point was tracked, or else the first reason why not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -319,6 +261,7 @@ impl PointStatus {
 
 /// Where one point went.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct TrackedPoint {
     /// Position (x, y) in `next`, in pixels; NaN unless tracked.
     pub position: [f32; 2],

@@ -14,8 +14,8 @@ use crate::track::affine::Deformed;
 use crate::track::neighbours::{Grid, NEIGHBOURS};
 use crate::track::options::POINTS;
 use crate::track::options::{PointStatus, TrackedPoint};
+use crate::track::problem::{self, Problem};
 use crate::track::repetition::Repetition;
-use crate::track::solve::{Problem, Workspace};
 
 /// Rounds in which found points help their neighbours: each carries a motion on by a few points.
 const ROUNDS: usize = 8;
@@ -35,7 +35,7 @@ const MIN_POINTS: usize = 8;
 
 /// Memory that is kept from frame to frame.
 #[derive(Debug, Default)]
-pub(crate) struct Memory {
+pub(crate) struct Workspace {
     pending: Vec<u32>,
     /// All that are pending while some of them are tried.
     waiting: Vec<u32>,
@@ -48,7 +48,7 @@ pub(crate) struct Memory {
     pub(super) deformed: Deformed,
 }
 
-impl Memory {
+impl Workspace {
     /// Make room for so many points.
     pub(crate) fn reserve(&mut self, points: usize) -> Result<()> {
         reserve(POINTS, &mut self.pending, points)?;
@@ -144,7 +144,7 @@ impl Memory {
             MIN_POINTS,
             RowsMut::new(&mut self.results, 1),
             |range, part| {
-                Workspace::with(|workspace| {
+                problem::Workspace::with(|workspace| {
                     for (result, entry) in part.data.iter_mut().zip(range) {
                         let index = pending[entry] as usize;
                         let point = points[index];

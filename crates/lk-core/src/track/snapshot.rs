@@ -10,7 +10,9 @@ use crate::track::stream::Alive;
 use crate::track::stream::PointTracker;
 
 /// What a [`PointTracker`] knows, to the bit: one of the same options that is given it goes on as the first would have.
-#[derive(Debug, Clone, PartialEq)]
+/// To make one from what was written somewhere, fill in the fields of a default one.
+#[derive(Debug, Clone, PartialEq, Default)]
+#[non_exhaustive]
 pub struct TrackerSnapshot {
     /// The frame before; `None` before the first one.
     pub frame: Option<Plane>,

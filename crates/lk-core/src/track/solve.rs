@@ -2,17 +2,10 @@
 //!
 //! `docs/algorithms.md`, section "One window".
 
-use std::cell::Cell;
-
-use crate::frame::Plane;
-use crate::simd::{SimdLevel, dispatch};
-use crate::support::Support;
 use crate::track::normal::{Normal, Step};
-use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
-use crate::track::patch::Light;
-use crate::track::patch::{
-    BorderScratch, BuildTemplate, Compare, Place, Sampling, SumAgain, Sums, Template, Window,
-};
+use crate::track::options::{PointStatus, TrackedPoint};
+use crate::track::patch::{Light, Sampling, Sums, Window};
+use crate::track::problem::{Direction, Problem, Workspace, inside};
 
 /// Length of a step, in pixels of the level, that is enough on a coarse level: the next level refines anyway.
 const COARSE_EPSILON: f64 = 0.1;
@@ -28,57 +21,6 @@ const RETRY_LEVEL: usize = 3;
 
 /// The level on which the way back begins.
 const RETURN_LEVEL: usize = 1;
-
-/// Memory of one thread.
-#[derive(Debug)]
-pub(crate) struct Workspace {
-    template: Template,
-    scratch: BorderScratch,
-}
-
-thread_local! {
-    static KEPT: Cell<Option<Box<Workspace>>> = const { Cell::new(None) };
-}
-
-impl Workspace {
-    /// Call `work` with memory that the next call of this thread has again.
-    pub(crate) fn with<R>(work: impl FnOnce(&mut Self) -> R) -> R {
-        let mut workspace = KEPT.take().unwrap_or_else(|| Box::new(Self::new()));
-        let result = work(&mut workspace);
-        KEPT.set(Some(workspace));
-        result
-    }
-
-    fn new() -> Self {
-        Self {
-            template: Template::new(),
-            scratch: BorderScratch::new(),
-        }
-    }
-}
-
-/// Both pyramids and how to compare them.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Problem<'a> {
-    pub(crate) prev: &'a [Plane],
-    pub(crate) next: &'a [Plane],
-    /// Which pixels of each level count.
-    pub(crate) prev_support: &'a [Support],
-    pub(crate) next_support: &'a [Support],
-    /// Whether a mask says which pixels of `next` count.
-    pub(crate) masked: bool,
-    pub(crate) options: &'a TrackOptions,
-    pub(crate) level: SimdLevel,
-}
-
-/// Pyramids in the order of the search.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Direction<'a> {
-    pub(super) from: &'a [Plane],
-    pub(super) to: &'a [Plane],
-    pub(super) from_support: &'a [Support],
-    pub(super) to_support: &'a [Support],
-}
 
 /// A way down the coarse levels.
 #[derive(Debug, Clone, Copy)]
@@ -104,10 +46,7 @@ pub(super) struct FinalStep {
 impl FinalStep {
     /// The displacement after `step`.
     pub(super) fn after(&self, step: &Step) -> [f64; 2] {
-        [
-            self.before[0] + step.delta[0],
-            self.before[1] + step.delta[1],
-        ]
+        step.after(self.before)
     }
 }
 
@@ -127,21 +66,8 @@ impl Problem<'_> {
         }
         let top = self.prev.len() - 1;
         let guess = start.map(f64::from);
-        let way = self.forward();
-        let descent = self.descend::<false>(way, point, guess, top, workspace);
-        match self.fine(
-            way,
-            point,
-            descent.displacement,
-            self.tolerance(),
-            workspace,
-        ) {
-            Ok(rest) => {
-                let fit = self.settle(&rest, &workspace.template);
-                self.conclude(point, descent.entry, top, &fit, workspace)
-            }
-            Err(status) => TrackedPoint::lost(status),
-        }
+        let descent = self.descend::<false>(self.forward(), point, guess, top, workspace);
+        self.refine(point, descent.displacement, descent.entry, top, workspace)
     }
 
     /// Track `point` from the best of these displacements, which hold on the level `top`.
@@ -169,13 +95,7 @@ impl Problem<'_> {
         else {
             return TrackedPoint::lost(PointStatus::HighResidual);
         };
-        match self.fine(way, point, found, self.tolerance(), workspace) {
-            Ok(rest) => {
-                let fit = self.settle(&rest, &workspace.template);
-                self.conclude(point, entry, top, &fit, workspace)
-            }
-            Err(status) => TrackedPoint::lost(status),
-        }
+        self.refine(point, found, entry, top, workspace)
     }
 
     /// Where the finest level leads from the displacement `guess`, what is left there, and the window's own variance.
@@ -197,36 +117,26 @@ impl Problem<'_> {
         guess: [f64; 2],
         workspace: &mut Workspace,
     ) -> TrackedPoint {
+        self.refine(point, guess, guess, RETURN_LEVEL, workspace)
+    }
+
+    /// Track `point` on the finest level from the displacement `guess`, and judge what is found; `entry` and `top` are
+    /// those of the way that led there.
+    fn refine(
+        &self,
+        point: [f32; 2],
+        guess: [f64; 2],
+        entry: [f64; 2],
+        top: usize,
+        workspace: &mut Workspace,
+    ) -> TrackedPoint {
         match self.fine(self.forward(), point, guess, self.tolerance(), workspace) {
-            Ok(rest) => {
-                let fit = self.settle(&rest, &workspace.template);
-                self.conclude(point, guess, RETURN_LEVEL, &fit, workspace)
+            Ok(last) => {
+                let fit = self.settle(&last, &workspace.template);
+                self.conclude(point, entry, top, &fit, workspace)
             }
             Err(status) => TrackedPoint::lost(status),
         }
-    }
-
-    pub(super) fn forward(&self) -> Direction<'_> {
-        Direction {
-            from: self.prev,
-            to: self.next,
-            from_support: self.prev_support,
-            to_support: self.next_support,
-        }
-    }
-
-    pub(super) fn backward(&self) -> Direction<'_> {
-        Direction {
-            from: self.next,
-            to: self.prev,
-            from_support: self.next_support,
-            to_support: self.prev_support,
-        }
-    }
-
-    /// How far the steps that are left out may lead, in pixels.
-    pub(super) fn tolerance(&self) -> f64 {
-        0.5 * f64::from(self.options.epsilon)
     }
 
     /// The displacement after the coarse levels from `top` down, and, to `RANK` it, the share of the window's variance
@@ -300,10 +210,7 @@ impl Problem<'_> {
                 .ok()?;
             let step = normal.step(&sums);
             let size = length(step.delta);
-            displacement = [
-                displacement[0] + step.delta[0],
-                displacement[1] + step.delta[1],
-            ];
+            displacement = step.after(displacement);
             let moved = length([displacement[0] - guess[0], displacement[1] - guess[1]]);
             if moved > reach || moved.is_nan() {
                 return None;
@@ -351,10 +258,7 @@ impl Problem<'_> {
                 .ok()?;
             let step = normal.step(&sums);
             let size = length(step.delta);
-            displacement = [
-                displacement[0] + step.delta[0],
-                displacement[1] + step.delta[1],
-            ];
+            displacement = step.after(displacement);
             let factor = (size / last).max(LEAST_FACTOR);
             if factor < 1.0 && size * factor / (1.0 - factor) < tolerance {
                 let x = f64::from(position[0]) + displacement[0] - f64::from(point[0]);
@@ -400,10 +304,7 @@ impl Problem<'_> {
             let step = normal.step(&sums);
             let size = length(step.delta);
             let before = displacement;
-            displacement = [
-                displacement[0] + step.delta[0],
-                displacement[1] + step.delta[1],
-            ];
+            displacement = step.after(displacement);
             // Steps shrink by a steady factor, so this is how far the rest of them would lead.
             let factor = (size / last).max(LEAST_FACTOR);
             if factor < 1.0 && size * factor / (1.0 - factor) < tolerance {
@@ -419,92 +320,6 @@ impl Problem<'_> {
             last = size;
         }
         Err(PointStatus::NotConverged)
-    }
-
-    /// Build the template; where its centre is.
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "a level, a window, how to read it"
-    )]
-    fn build(
-        &self,
-        way: Direction<'_>,
-        level: usize,
-        centre: [f32; 2],
-        window: Window,
-        sampling: Sampling,
-        light: Light,
-        workspace: &mut Workspace,
-    ) -> [f32; 2] {
-        let centre = dispatch(
-            self.level,
-            BuildTemplate {
-                template: &mut workspace.template,
-                prev: &way.from[level],
-                centre,
-                window,
-                sampling,
-                light,
-                scratch: &mut workspace.scratch,
-            },
-        );
-        workspace.template.belongs_to(&way.from_support[level]);
-        centre
-    }
-
-    /// The sums at `displacement`, over the pixels that count there; `normal` becomes theirs.
-    #[allow(clippy::too_many_arguments, reason = "a level, a place, what to sum")]
-    fn compare(
-        &self,
-        way: Direction<'_>,
-        level: usize,
-        centre: [f32; 2],
-        displacement: [f64; 2],
-        squared: bool,
-        normal: &mut Normal,
-        workspace: &mut Workspace,
-    ) -> Result<Sums, PointStatus> {
-        let to = &way.to[level];
-        let at = [
-            (f64::from(centre[0]) + displacement[0]) as f32,
-            (f64::from(centre[1]) + displacement[1]) as f32,
-        ];
-        let template = &mut workspace.template;
-        let half = template.window.half();
-        let near = at[0] >= -half[0]
-            && at[1] >= -half[1]
-            && at[0] <= to.width() as f32 - 1.0 + half[0]
-            && at[1] <= to.height() as f32 - 1.0 + half[1];
-        if !near {
-            return Err(PointStatus::OutOfFrame);
-        }
-        match template.meets(&way.to_support[level], at) {
-            Place::Same => {}
-            Place::Other => {
-                dispatch(self.level, SumAgain(template));
-                *normal = Normal::new(template, normal.model()).ok_or(PointStatus::LowTexture)?;
-            }
-            Place::Bare if !inside(to, at) => return Err(PointStatus::OutOfFrame),
-            Place::Bare => {
-                let [x, y] = at.map(|coordinate| coordinate.round() as isize);
-                let stands = way.to_support[level].has_all((x, y), 1, 1);
-                return Err(if self.masked && !stands {
-                    PointStatus::Masked
-                } else {
-                    PointStatus::LowSupport
-                });
-            }
-        }
-        Ok(dispatch(
-            self.level,
-            Compare {
-                template: &workspace.template,
-                next: to,
-                centre: at,
-                squared,
-                scratch: &mut workspace.scratch,
-            },
-        ))
     }
 }
 
@@ -526,20 +341,4 @@ pub(super) fn coarse_window(window: Window) -> Window {
 
 fn length([x, y]: [f64; 2]) -> f64 {
     (x * x + y * y).sqrt()
-}
-
-impl Problem<'_> {
-    /// Width and height of the frames.
-    pub(crate) fn size(&self) -> (usize, usize) {
-        (self.prev[0].width(), self.prev[0].height())
-    }
-
-    /// Whether `point` is inside of the frame.
-    pub(crate) fn holds(&self, point: [f32; 2]) -> bool {
-        inside(&self.prev[0], point)
-    }
-}
-
-pub(super) fn inside(plane: &Plane, [x, y]: [f32; 2]) -> bool {
-    x >= 0.0 && y >= 0.0 && x <= plane.width() as f32 - 1.0 && y <= plane.height() as f32 - 1.0
 }

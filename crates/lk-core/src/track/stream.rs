@@ -11,7 +11,7 @@ use crate::pyramid::Pyramid;
 use crate::support::Masks;
 use crate::track::options::POINTS;
 use crate::track::options::{PointStatus, TrackOptions, TrackedPoint};
-use crate::track::retry::Memory;
+use crate::track::retry;
 use crate::track::{Guesses, track_keeping};
 
 /// Share of the points that must be lost at once for a scene cut: a point that seems to survive one is chance.
@@ -31,6 +31,7 @@ const MOST_RESERVED: usize = 1 << 16;
 
 /// One row of what [`PointTracker::update`] gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct StreamPoint {
     /// The same in every frame, never used again.
     pub id: u64,
@@ -72,7 +73,7 @@ pub struct PointTracker {
     pub(super) alive: Vec<Alive>,
     pub(super) points: Vec<[f32; 2]>,
     tracks: Vec<TrackedPoint>,
-    memory: Memory,
+    retry: retry::Workspace,
     rows: Vec<StreamPoint>,
     occupied: Vec<bool>,
     pub(super) next_id: u64,
@@ -99,7 +100,7 @@ impl PointTracker {
             alive: Vec::new(),
             points: Vec::new(),
             tracks: Vec::new(),
-            memory: Memory::default(),
+            retry: retry::Workspace::default(),
             rows: Vec::new(),
             occupied: Vec::new(),
             next_id: 0,
@@ -159,7 +160,7 @@ impl PointTracker {
         let followed = within_pool(&execution, || self.follow(frame, mask, levels));
         if followed.as_ref().is_err_and(Error::is_memory) {
             // Others may need it, and what is tracked next may be smaller.
-            (self.next, self.memory) = (Pyramid::default(), Memory::default());
+            (self.next, self.retry) = (Pyramid::default(), retry::Workspace::default());
             self.detector = CornerDetector::default();
         }
         followed?;
@@ -187,7 +188,7 @@ impl PointTracker {
                     masks: Masks::default().next(mask),
                 },
                 &self.options,
-                &mut self.memory,
+                &mut self.retry,
                 &mut self.tracks,
             )?;
         } else {
@@ -214,7 +215,7 @@ impl PointTracker {
         reserve(POINTS, &mut self.tracks, points)?;
         // Those that were lost and those that replace them.
         reserve(POINTS, &mut self.rows, 2 * points)?;
-        self.memory.reserve(points)?;
+        self.retry.reserve(points)?;
         self.detector.reserve(maxima)
     }
 

@@ -7,7 +7,8 @@ use crate::track::noise::{Samples, noise_gain};
 use crate::track::normal::{GAIN_RANGE, Normal, SIMPLER};
 use crate::track::options::{PointStatus, TrackedPoint};
 use crate::track::patch::Template;
-use crate::track::solve::{FinalStep, Problem, Workspace, inside};
+use crate::track::problem::{Problem, Workspace, inside};
+use crate::track::solve::FinalStep;
 
 /// Variance left in the difference, as a share of the window's own, beyond which two windows do not match.
 const MAX_UNEXPLAINED: f64 = 0.25;

@@ -33,37 +33,7 @@ pub(super) fn correction(
     noise: f64,
     known: Matrix,
 ) -> Option<Correction> {
-    let mut system = [[0.0; UNKNOWNS + 2]; UNKNOWNS];
-    let mut right = [0.0; UNKNOWNS];
-    let mut telling = 0;
-    for cluster in clusters {
-        let count = cluster[index(ONE, ONE)];
-        if count <= 0.0 {
-            continue;
-        }
-        telling += 1;
-        let product = |a: &[f64; FEATURES], b: &[f64; FEATURES]| -> f64 {
-            let row =
-                |i: usize| -> f64 { (0..FEATURES).map(|j| cluster[index(i, j)] * b[j]).sum() };
-            (0..FEATURES).map(|i| a[i] * row(i)).sum()
-        };
-        let [x, y] = [X, Y].map(|axis| cluster[index(ONE, axis)] / count);
-        let place = [1.0, x, y, x * x, x * y, y * y];
-        for i in 0..2 {
-            let pull = product(gradients[i], rest);
-            for p in 0..PLACES {
-                right[PLACES * i + p] -= place[p] * pull;
-            }
-            for j in 0..2 {
-                let information = product(gradients[i], gradients[j]);
-                for p in 0..PLACES {
-                    for q in 0..PLACES {
-                        system[PLACES * i + p][PLACES * j + q] += information * place[p] * place[q];
-                    }
-                }
-            }
-        }
-    }
+    let (mut system, right, telling) = normal_equations(clusters, gradients, rest);
     if telling < MIN_CLUSTERS {
         return None;
     }
@@ -109,4 +79,45 @@ pub(super) fn correction(
         displacement: [0.0; 2],
         covariance: displacement.map(|a| displacement.map(|b| a * b)),
     })
+}
+
+/// The normal equations of a displacement that varies quadratically, with room for two more columns, their right side,
+/// and the clusters that tell something.
+fn normal_equations(
+    clusters: &[Sums],
+    gradients: [&[f64; FEATURES]; 2],
+    rest: &[f64; FEATURES],
+) -> ([[f64; UNKNOWNS + 2]; UNKNOWNS], [f64; UNKNOWNS], usize) {
+    let mut system = [[0.0; UNKNOWNS + 2]; UNKNOWNS];
+    let mut right = [0.0; UNKNOWNS];
+    let mut telling = 0;
+    for cluster in clusters {
+        let count = cluster[index(ONE, ONE)];
+        if count <= 0.0 {
+            continue;
+        }
+        telling += 1;
+        let product = |a: &[f64; FEATURES], b: &[f64; FEATURES]| -> f64 {
+            let row =
+                |i: usize| -> f64 { (0..FEATURES).map(|j| cluster[index(i, j)] * b[j]).sum() };
+            (0..FEATURES).map(|i| a[i] * row(i)).sum()
+        };
+        let [x, y] = [X, Y].map(|axis| cluster[index(ONE, axis)] / count);
+        let place = [1.0, x, y, x * x, x * y, y * y];
+        for i in 0..2 {
+            let pull = product(gradients[i], rest);
+            for p in 0..PLACES {
+                right[PLACES * i + p] -= place[p] * pull;
+            }
+            for j in 0..2 {
+                let information = product(gradients[i], gradients[j]);
+                for p in 0..PLACES {
+                    for q in 0..PLACES {
+                        system[PLACES * i + p][PLACES * j + q] += information * place[p] * place[q];
+                    }
+                }
+            }
+        }
+    }
+    (system, right, telling)
 }

@@ -6,7 +6,8 @@ use crate::track::affine::warp::Warp;
 use crate::track::noise::{Samples, noise_gain};
 use crate::track::options::{Deformation, PointStatus, TrackedPoint};
 use crate::track::patch::Light;
-use crate::track::solve::{Direction, Problem, coarse_window};
+use crate::track::problem::{Direction, Problem};
+use crate::track::solve::coarse_window;
 use crate::track::verify::{Fit, RETURN_SHARE};
 
 /// A warp must leave less than this share of what a displacement leaves to take its place: its four more unknowns

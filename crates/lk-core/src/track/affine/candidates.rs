@@ -6,7 +6,7 @@ use crate::memory::reserve;
 use crate::track::neighbours::Grid;
 use crate::track::options::POINTS;
 use crate::track::options::{Deformation, TrackedPoint};
-use crate::track::solve::Problem;
+use crate::track::problem::Problem;
 
 /// Share of the points that must be open, and least number of them, for a closer look.
 const OPEN_SHARE: f32 = 0.1;

@@ -5,6 +5,8 @@
 mod align;
 mod attempt;
 mod candidates;
+mod confirm;
+mod deformed;
 mod factor;
 mod fit;
 mod meeting;
@@ -15,5 +17,5 @@ mod sums;
 mod template;
 mod warp;
 
-pub(super) use propagate::Deformed;
+pub(super) use deformed::Deformed;
 pub(super) use warp::Warp;

@@ -53,11 +53,11 @@ pub(in crate::track) struct Search<'a> {
 
 /// Memory of a search that is kept from frame to frame.
 #[derive(Debug, Default)]
-pub(in crate::track) struct SearchMemory {
+pub(in crate::track) struct Workspace {
     scale: Plane,
 }
 
-impl SearchMemory {
+impl Workspace {
     /// Make room for any level that is searched.
     pub(in crate::track) fn reserve(&mut self) -> Result<()> {
         self.scale.resize(LONGEST, LONGEST)
@@ -95,7 +95,7 @@ impl Places {
 
 impl<'a> Search<'a> {
     pub(in crate::track) fn new(
-        memory: &'a mut SearchMemory,
+        workspace: &'a mut Workspace,
         prev: &'a [Plane],
         next: &'a [Plane],
         longest: Option<f32>,
@@ -111,14 +111,14 @@ impl<'a> Search<'a> {
         });
         let reach = [next.width(), next.height()]
             .map(|size| (size as f64 * RANGE).min(limit).ceil() as isize);
-        deviations(next, &mut memory.scale)?;
+        deviations(next, &mut workspace.scale)?;
         Ok(Self {
             prev,
             next,
             level,
             simd,
             reach,
-            scale: &memory.scale,
+            scale: &workspace.scale,
         })
     }
 
@@ -163,24 +163,9 @@ impl<'a> Search<'a> {
                         shift: [0.0; 2],
                         matrix,
                     };
-                    let mut sampled = [0.0f32; AREA + EIGHT];
-                    // The pixel of `prev` that comes to stand at each pixel of the patch in `next`.
-                    let near = dispatch(
-                        self.simd,
-                        SampleWarped {
-                            plane: self.prev,
-                            positions: Positions::around(centre, warp.inverse().matrix, PATCH, 0),
-                            filter: Filter::Spline,
-                            copied: &mut *copied,
-                            to: &mut sampled,
-                            stride: SIDE,
-                        },
-                    );
-                    let mut patch = [0.0f32; AREA];
-                    patch.copy_from_slice(&sampled[..AREA]);
-                    if !near || !normalise(&mut patch) {
+                    let Some(patch) = self.turned(centre, warp, copied) else {
                         continue;
-                    }
+                    };
                     for row in 0..rows {
                         let y = top + row;
                         dispatch(
@@ -209,6 +194,28 @@ impl<'a> Search<'a> {
             found(warp.scaled(factor));
         }
         Ok(())
+    }
+}
+
+impl Search<'_> {
+    /// The patch around `centre` as it comes to stand in `next`, without its mean and of length 1; `None` where it is not
+    /// inside of `prev` or has nothing to compare.
+    fn turned(&self, centre: [f64; 2], warp: Warp, copied: &mut Copied) -> Option<[f32; AREA]> {
+        let mut sampled = [0.0f32; AREA + EIGHT];
+        let near = dispatch(
+            self.simd,
+            SampleWarped {
+                plane: self.prev,
+                positions: Positions::around(centre, warp.inverse().matrix, PATCH, 0),
+                filter: Filter::Spline,
+                copied,
+                to: &mut sampled,
+                stride: SIDE,
+            },
+        );
+        let mut patch = [0.0f32; AREA];
+        patch.copy_from_slice(&sampled[..AREA]);
+        (near && normalise(&mut patch)).then_some(patch)
     }
 }
 

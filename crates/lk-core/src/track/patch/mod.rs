@@ -17,6 +17,8 @@ mod sampling;
 mod sums;
 mod template;
 
+use crate::error::Result;
+use crate::options::expect_option;
 use crate::simd::{EIGHT, Eight, Packed};
 
 pub(crate) use compare::{AbsoluteDifference, Compare};
@@ -28,8 +30,11 @@ pub(crate) use sampling::Sampling;
 pub(crate) use sums::Sums;
 pub(crate) use template::{BuildTemplate, Template};
 
+/// The smallest window, in pixels a side: less has no gradient to speak of.
+const MIN_WINDOW: usize = 3;
+
 /// The largest window, in pixels a side.
-pub(crate) const MAX_WINDOW: usize = 63;
+const MAX_WINDOW: usize = 63;
 
 /// Pixels around the window that the finest level takes in too.
 const RIM: usize = 1;
@@ -44,7 +49,32 @@ pub(crate) struct Window {
     pub(crate) height: usize,
 }
 
+/// 21 pixels a side, as OpenCV's.
+impl Default for Window {
+    fn default() -> Self {
+        Self {
+            width: 21,
+            height: 21,
+        }
+    }
+}
+
 impl Window {
+    /// Hold the option `name` to the sizes that a window may have.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Option`](crate::Error::Option).
+    pub(crate) fn expect_allowed(self, name: &'static str) -> Result<()> {
+        let sides = MIN_WINDOW..=MAX_WINDOW;
+        expect_option(
+            sides.contains(&self.width) && sides.contains(&self.height),
+            name,
+            format_args!("({}, {})", self.width, self.height),
+            format_args!("{MIN_WINDOW} to {MAX_WINDOW} pixels a side"),
+        )
+    }
+
     /// From the centre to the first pixel, along x and y.
     #[inline(always)]
     pub(crate) fn half(self) -> [f32; 2] {

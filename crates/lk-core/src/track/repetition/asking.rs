@@ -6,7 +6,7 @@ use crate::memory::{replace, resize};
 use crate::track::neighbours::Grid;
 use crate::track::options::POINTS;
 use crate::track::options::TrackedPoint;
-use crate::track::solve::Problem;
+use crate::track::problem::Problem;
 
 /// One point of so many is asked first whether any texture repeats, and one in each square of so many windows a side.
 const SAMPLE: usize = 10;

@@ -4,7 +4,7 @@
 use crate::frame::Plane;
 use crate::illumination::Illumination;
 use crate::support::Support;
-use crate::track::solve::Problem;
+use crate::track::problem::Problem;
 
 /// The level whose pixels are asked, and every which of them.
 const LEVEL: usize = 1;
@@ -216,34 +216,10 @@ impl Differences {
             }
         }
         // The light as the window has it.
-        let window = || {
-            (RINGS - OWN_RINGS..=RINGS + OWN_RINGS).flat_map(|row| {
-                (RINGS - OWN_RINGS..=RINGS + OWN_RINGS)
-                    .map(move |column| row as usize * SIDE + column as usize)
-            })
-        };
-        let (mut count, mut sums, mut products) = (0.0f32, [0.0f32; 2], [0.0f32; 2]);
-        for place in window().filter(|place| values[*place].is_finite()) {
-            count += 1.0;
-            sums[0] += own[place];
-            sums[1] += values[place];
-        }
-        let mean = sums.map(|sum| sum / count.max(1.0));
-        for place in window().filter(|place| values[*place].is_finite()) {
-            let a = own[place] - mean[0];
-            products[0] += a * a;
-            products[1] += a * (values[place] - mean[1]);
-        }
-        let (gain, offset) = if steady || products[0] <= 0.0 {
-            (1.0, 0.0)
-        } else {
-            let gain = products[1] / products[0];
-            (gain, mean[1] - gain * mean[0])
-        };
+        let (count, gain, offset, deviation) = light_of(&own, &values, steady);
         for (value, own) in values.iter_mut().zip(&own) {
             *value = (*value - offset - gain * own).abs();
         }
-        let deviation = (products[0] / count.max(1.0)).sqrt();
         let worst = window().fold(0.0f32, |worst, place| worst.max(values[place]));
         if count < LEAST_THERE * window().count() as f32 {
             values.fill(f32::NAN);
@@ -254,6 +230,42 @@ impl Differences {
             own: worst.max(LEAST_DIFFERENCE * deviation),
         }
     }
+}
+
+/// The pixels of the window itself.
+fn window() -> impl Iterator<Item = usize> {
+    (RINGS - OWN_RINGS..=RINGS + OWN_RINGS).flat_map(|row| {
+        (RINGS - OWN_RINGS..=RINGS + OWN_RINGS)
+            .map(move |column| row as usize * SIDE + column as usize)
+    })
+}
+
+/// How many pixels of the window both frames have, the gain and the offset from one to the other there, unless the light
+/// is steady, and the deviation of the first.
+fn light_of(
+    own: &[f32; SIDE * SIDE],
+    values: &[f32; SIDE * SIDE],
+    steady: bool,
+) -> (f32, f32, f32, f32) {
+    let (mut count, mut sums, mut products) = (0.0f32, [0.0f32; 2], [0.0f32; 2]);
+    for place in window().filter(|place| values[*place].is_finite()) {
+        count += 1.0;
+        sums[0] += own[place];
+        sums[1] += values[place];
+    }
+    let mean = sums.map(|sum| sum / count.max(1.0));
+    for place in window().filter(|place| values[*place].is_finite()) {
+        let a = own[place] - mean[0];
+        products[0] += a * a;
+        products[1] += a * (values[place] - mean[1]);
+    }
+    let (gain, offset) = if steady || products[0] <= 0.0 {
+        (1.0, 0.0)
+    } else {
+        let gain = products[1] / products[0];
+        (gain, mean[1] - gain * mean[0])
+    };
+    (count, gain, offset, (products[0] / count.max(1.0)).sqrt())
 }
 
 impl Differences {

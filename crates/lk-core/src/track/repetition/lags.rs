@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use crate::frame::Plane;
 use crate::simd::{EIGHT, Eight, Kernel, Simd, dispatch};
-use crate::track::solve::Problem;
+use crate::track::problem::Problem;
 
 /// Lags that are kept, of opposite ones only one.
 pub(super) const MAX_LAGS: usize = FOUND + 2;
@@ -320,14 +320,7 @@ impl Differences<'_> {
             let row = self.plane.row((y - half) as usize + *line);
             own.copy_from_slice(&row[(x - half) as usize..][..SIDE]);
         }
-        let (mut sum, mut squares) = (0.0f32, 0.0f32);
-        let middle = patch[0][0];
-        for value in patch.as_flattened() {
-            let value = value - middle;
-            sum += value;
-            squares += value * value;
-        }
-        let energy = squares - sum * sum / (SIDE * SIDE) as f32;
+        let energy = energy(patch.as_flattened());
         if !(energy.is_finite() && energy > 0.0) {
             return false;
         }
@@ -389,4 +382,17 @@ impl Differences<'_> {
         }
         true
     }
+}
+
+/// The sum of the squares of grey levels without their mean.
+#[inline(always)]
+fn energy(patch: &[f32]) -> f32 {
+    let (mut sum, mut squares) = (0.0f32, 0.0f32);
+    let middle = patch[0];
+    for value in patch {
+        let value = value - middle;
+        sum += value;
+        squares += value * value;
+    }
+    squares - sum * sum / patch.len() as f32
 }

@@ -19,7 +19,7 @@ use crate::parallel::{RowsMut, for_each_band};
 use crate::track::neighbours::Grid;
 use crate::track::options::POINTS;
 use crate::track::options::{PointStatus, TrackedPoint};
-use crate::track::solve::{Problem, Workspace};
+use crate::track::problem::{Problem, Workspace};
 use evidence::Verdict;
 use lags::Half;
 use others::{MAX_OTHERS, Other, Others, SAME, alike};

@@ -3,7 +3,7 @@
 use super::evidence::Verdict;
 use super::lags::{Half, MAX_LAGS};
 use crate::track::options::TrackedPoint;
-use crate::track::solve::{Problem, Workspace};
+use crate::track::problem::{Problem, Workspace};
 
 /// Share of a lag by which two displacements may differ that are the same.
 pub(super) const SAME: f64 = 1.0 / 3.0;
