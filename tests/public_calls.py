@@ -258,6 +258,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.Shift": lambda _: (rsflow.Shift, _fields(rsflow.estimate_shift(**PAIR))),
     "rsflow.ShiftStatus": lambda _: (rsflow.ShiftStatus, {"value": 0}),
     "rsflow.Tracks": lambda _: (rsflow.Tracks, _fields(tracks())),
+    "rsflow.Tracks.draw": lambda _: (tracks().draw, {"frame": frame(1)}),
     "rsflow.Velocity": lambda _: (rsflow.Velocity, _fields(a_velocity())),
     "rsflow.Velocity.budget": lambda _: (a_velocity().budget, {}),
     "rsflow.VelocityEstimator": lambda _: (rsflow.VelocityEstimator, {"camera": CAMERA}),

@@ -20,6 +20,7 @@ DOORS = ("objects", "camera.board", "camera.calibration", "camera.capture")
 FLOORS = (
     ("_core", "errors"),
     ("_checks", "_extras", "_rotation", "_shared"),
+    ("_display",),
     ("io",),
     ("capture", "plotting", "video"),
     ("_results",),

@@ -12,6 +12,7 @@ import numpy as np
 
 from . import _checks
 from ._checks import knobs
+from ._display import measured
 from .errors import OptionError
 
 if TYPE_CHECKING:
@@ -77,6 +78,14 @@ class LiveReading:
     velocity_status: str | None
     image: NDArray[Any]
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        dx, dy = measured(self.dx_px, self.dx_std_px), measured(self.dy_px, self.dy_std_px)
+        first = f"LiveReading(frame {self.frame}, t={self.t_s:.6g} s: dx={dx}, dy={dy} px, {self.status}"
+        if self.vx_m_s is None or self.vy_m_s is None or self.vz_m_s is None:
+            return f"{first})"
+        velocity = f"v=({self.vx_m_s:.4g}, {self.vy_m_s:.4g}, {self.vz_m_s:.4g}) m/s, {self.velocity_status}"
+        return f"{first};\n            {velocity})"
 
     def as_dict(self) -> dict[str, Any]:
         """Give the numbers without the picture, NaN and infinity as None: what JSON can say.

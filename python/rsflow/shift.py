@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from . import _checks, _core
 from ._checks import knobs
+from ._display import measured
 from ._results.status import Status
 
 __all__ = ["Shift", "ShiftStatus", "estimate_shift"]
@@ -103,6 +104,17 @@ class Shift:
     direction_variance: float
     gradient: npt.NDArray[np.float64]
     joint_covariance: npt.NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        if self.valid:
+            dx, dy = (measured(value, math.sqrt(self.covariance[k, k])) for k, value in enumerate((self.dx, self.dy)))
+            light = f"gain={self.gain:.4g}, offset={self.offset:.4g}, residual={self.residual:.3g}"
+            return f"Shift(dx={dx}, dy={dy} px, {light}, {self.status})"
+        if math.isfinite(self.direction_variance):
+            x, y = self.direction
+            along = measured(self.dx * x + self.dy * y, math.sqrt(self.direction_variance))
+            return f"Shift({along} px along ({x:.3f}, {y:.3f}) alone, {self.status}: {self.status.explanation})"
+        return f"Shift({self.status}: {self.status.explanation})"
 
     @property
     def gradient_covariance(self) -> npt.NDArray[np.float64]:

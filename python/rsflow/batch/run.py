@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import _checks
 from .._core import set_num_threads
+from .._display import fields
 from .._results.status import WordStatus
 from ..errors import OptionError, RsflowError
 
@@ -83,6 +84,8 @@ class BatchItem:
     status: BatchStatus
     error: str
     summary: dict[str, Any]
+
+    __repr__ = fields
 
 
 def _given(sources: Iterable[str | int | os.PathLike[str]]) -> list[str | int]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import _checks
+from .._display import fields
 from ..errors import FormatError
 
 __all__ = ["BEGIN", "END", "Bench", "Row", "with_tables"]
@@ -74,6 +75,8 @@ class Bench:
     threads: int
     rounds: int
     versions: dict[str, str]
+
+    __repr__ = fields
 
     def conditions(self) -> str:
         """Say in one line what was measured on."""

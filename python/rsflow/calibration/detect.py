@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _checks
+from .._display import fields
 from ..errors import DTypeError
 from .board import Board
 
@@ -60,6 +61,8 @@ class Corners:
     points: NDArray[np.float32]
     ids: NDArray[np.int64]
     plain: NDArray[np.float32]
+
+    __repr__ = fields
 
     @property
     def repaired(self) -> NDArray[np.bool_]:

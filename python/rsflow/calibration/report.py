@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._display import measured
 from .._results.inputs import Inputs
 from ..io.atomic import writing
 from .figures import Figures
@@ -99,6 +100,16 @@ def _joined(names: list[str]) -> str:
 def _listed(views: list[View]) -> str:
     names = [view.name for view in views]
     return _joined(names) if len(names) <= 6 else f"{', '.join(names[:6])} and {len(names) - 6} more"
+
+
+def line(calibration: Figures) -> str:
+    """Give what matters in two lines or three."""
+    camera, std = calibration.camera, calibration.std
+    told = [f"{name}={measured(getattr(camera, name), std.get(name, 0.0))}" for name in ("fx", "fy", "cx", "cy")]
+    views = f"{len(calibration.used)} of {len(calibration.views)} views, rms {calibration.rms:.3f} px"
+    first = f"Calibration({camera.width} x {camera.height} {camera.model}, {views}:\n            {', '.join(told)} px"
+    doubts = f",\n            in doubt: {' '.join(calibration.doubts[0].split())}" if calibration.doubts else ""
+    return f"{first}{doubts})"
 
 
 def summary(calibration: Figures) -> str:
@@ -209,7 +220,7 @@ def draw(calibration: Figures, folder: Path) -> list[Path]:
         name = stem if stem not in used else f"{stem}-{number}"
         used.add(name)
         written.append(_write(folder / f"{name}.corners.png", _view_picture(view)))
-    written.append(_write(folder / "coverage.png", _coverage_picture(calibration)))
+    written.append(_write(folder / "coverage.png", coverage_picture(calibration)))
     return written
 
 
@@ -244,7 +255,8 @@ def _view_picture(view: View) -> NDArray[np.uint8]:
     return _labelled(image, text)
 
 
-def _coverage_picture(calibration: Figures) -> NDArray[np.uint8]:
+def coverage_picture(calibration: Figures) -> NDArray[np.uint8]:
+    """Draw where in the picture the corners of all views were, and where none was."""
     import cv2
 
     camera = calibration.camera

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .. import _checks
+from .. import _checks, _display
 from ..camera.model import CameraFormat
 from . import report
 from .figures import Figures
@@ -15,7 +15,7 @@ from .figures import Figures
 __all__ = ["Calibration"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Calibration(Figures):
     """What `calibrate` found.
 
@@ -66,6 +66,12 @@ class Calibration(Figures):
     ...     [path.name for path in found.draw(folder)]
     ['frame-0.corners.png', 'frame-1.corners.png', 'frame-2.corners.png', 'frame-3.corners.png', 'coverage.png']
     """
+
+    def __repr__(self) -> str:
+        return report.line(self)
+
+    def _repr_html_(self) -> str:
+        return _display.html(repr(self), report.coverage_picture(self))
 
     def advice(self) -> tuple[str, ...]:
         """Say what would make this calibration better, most important first; empty where nothing would."""

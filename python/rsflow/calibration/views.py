@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._display import fields
 from ..capture.stream import Frame
 from ..errors import CalibrationError
 from .board import Board
@@ -76,6 +77,8 @@ class View:
     influence: float = math.nan
     # The picture as JPEG, for `Calibration.draw`: a tenth of its size in memory.
     jpeg: bytes = field(default=b"", repr=False)
+
+    __repr__ = fields
 
 
 class Search:

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _checks
+from .. import _checks, _display
 from ..errors import OptionError
 from . import distortion as _distortion
 from .intrinsics import LARGEST, CameraFormat, CameraModel, Intrinsics
@@ -19,7 +19,7 @@ from .intrinsics import LARGEST, CameraFormat, CameraModel, Intrinsics
 __all__ = ["Camera", "CameraFormat", "CameraModel"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Camera(Intrinsics):
     """A calibrated camera: where a point of the scene falls in the picture.
 
@@ -55,6 +55,13 @@ class Camera(Intrinsics):
     >>> camera.scaled(320, 240).fx
     328.9
     """
+
+    def __repr__(self) -> str:
+        values = {"fx": self.fx, "fy": self.fy, "cx": self.cx, "cy": self.cy}
+        values |= dict(zip(self.distortion_names, self.distortion, strict=True))
+        told = [f"{name}={_display.measured(value, self.std.get(name, 0.0))}" for name, value in values.items()]
+        lens = f",\n       {', '.join(told[4:])}" if told[4:] else ""
+        return f"Camera({self.width} x {self.height} {self.model}: {', '.join(told[:4])} px{lens})"
 
     @property
     def horizontal_fov_rad(self) -> float:

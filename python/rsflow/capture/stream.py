@@ -11,7 +11,7 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _checks
+from .. import _checks, _display
 from .._checks import unmasked
 from ..errors import DTypeError, OptionError, ShapeError
 from ..io.fork_guard import OfProcess
@@ -59,6 +59,12 @@ class Frame:
     index: int
     color: NDArray[Any] | None = None
     name: str = ""
+
+    __repr__ = _display.fields
+
+    def _repr_html_(self) -> str:
+        picture = self.image if self.color is None else self.color
+        return _display.html(repr(self), _display.displayed(picture) if picture.size else None)
 
 
 class Frames(Iterator[Frame]):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._display import fields
 from ..capture.masks import FixedMask, mask_of_frames
 from ..errors import OptionError
 from . import rows
@@ -60,6 +61,8 @@ class Measured:
     motion: dict[str, Any]
     objects: list[dict[str, Any]]
     velocity_row: dict[str, Any] | None
+
+    __repr__ = fields
 
 
 class Pipeline:
@@ -209,7 +212,7 @@ class Pipeline:
         """Give the static scene at the end, None where there is none."""
         if self._last_segmentation is None:
             return None
-        from ..plotting.drawing import displayed
+        from .._display import displayed
 
         scene = self._last_segmentation.background
         image = self._last_segmentation.image

@@ -45,6 +45,11 @@ class Extraction:
     files: dict[str, Path]
     summary: dict[str, Any]
 
+    def __repr__(self) -> str:
+        frames = f"{self.summary['frames']} frames" if "frames" in self.summary else "no summary"
+        whole = "complete" if self.complete else "partial"
+        return f'Extraction("{self.folder}", {whole}, {frames}:\n           {", ".join(self.files) or "no files"})'
+
     @property
     def frames(self) -> int:
         """Number of frames in ``motion.csv``."""

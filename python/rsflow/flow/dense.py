@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _checks, _core
 from .._checks import knobs
 from .._checks.knobs import Illumination, Preset
+from .._display import options
 from .._shared import Shared, alone, anew
 from ..errors import ShapeError
 from .field import FlowField
@@ -91,11 +92,11 @@ def dense_flow(
     >>> bool(np.sqrt(sure.covariance[40, 49, 0, 0]) < 0.05)
     True
     """
-    options = _options(preset, illumination, max_displacement, covariance)
+    wanted = _options(preset, illumination, max_displacement, covariance)
     before, after = _checks.pair(prev, next)
     start, where = _as_initial(initial), _checks.mask_or_none("mask", mask, before.shape)
     where_next = _checks.mask_or_none("next_mask", next_mask, before.shape)
-    return _field(_kept_core(options, before.size).pair(before, after, start, where, where_next))
+    return _field(_kept_core(wanted, before.size).pair(before, after, start, where, where_next))
 
 
 # One estimator a thread is kept from call to call, for its memory. Frames of more pixels than this give theirs back
@@ -116,14 +117,14 @@ def _options(
     )
 
 
-def _kept_core(options: tuple[str, str, float | None, bool], pixels: int) -> _core.DenseFlow:
+def _kept_core(wanted: tuple[str, str, float | None, bool], pixels: int) -> _core.DenseFlow:
     of_size = pixels if pixels > _KEPT_PIXELS else 0
-    key = (options, of_size)
+    key = (wanted, of_size)
     before, _kept.latest = getattr(_kept, "latest", None), key
     if of_size and key != before:
-        return _core.DenseFlow(*options)
+        return _core.DenseFlow(*wanted)
     if getattr(_kept, "key", None) != key:
-        _kept.core = _core.DenseFlow(*options)
+        _kept.core = _core.DenseFlow(*wanted)
         _kept.key = key
     core: _core.DenseFlow = _kept.core
     return core
@@ -165,14 +166,20 @@ class DenseFlow(Shared):
         next_mask: NDArray[np.bool_] | None = None,
         covariance: bool = False,
     ) -> None:
-        options = _options(preset, illumination, max_displacement, covariance)
-        self._options = options
-        self._core = _core.DenseFlow(*options)
+        self._options = _options(preset, illumination, max_displacement, covariance)
+        self._core = _core.DenseFlow(*self._options)
         self._initial = _as_initial(initial)
         self._mask = _checks.mask_or_none("mask", mask)
         self._next_mask = _checks.mask_or_none("next_mask", next_mask)
         self._shape: tuple[int, ...] | None = None
         self._started = False
+
+    def __repr__(self) -> str:
+        preset, light, reach, covariance = self._options
+        mask = self._mask is not None or self._next_mask is not None
+        told = options(preset=preset, illumination=light, max_displacement=reach, covariance=covariance, mask=mask)
+        before = "no frame yet" if self._shape is None else f"frames of {self._shape[1]} x {self._shape[0]}"
+        return f"DenseFlow({told}): {before}"
 
     @alone
     def update(self, frame: NDArray[Any]) -> FlowField | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,10 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _checks
+from .. import _checks, _display
 from ..errors import DTypeError, ShapeError
 
 __all__ = ["FlowField"]
+
+# Of the pixels whose motion a printed line tells.
+_LOOKED_AT = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +57,25 @@ class FlowField:
     residual: NDArray[np.float32]
     _light: tuple[NDArray[np.float32], NDArray[np.float32], int] = field(repr=False)
     covariance: NDArray[np.float32] | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        height, width = self.uv.shape[:2]
+        # A look at some ten thousand pixels: it is printed, and must not take longer than the flow did.
+        step = max(1, math.isqrt(self.valid.size // _LOOKED_AT))
+        known = self.uv[::step, ::step][self.valid[::step, ::step]]
+        if len(known) == 0:
+            return f"FlowField({width} x {height}, none valid)"
+        x, y = known.mean(axis=0, dtype=np.float64)
+        median = float(np.median(np.hypot(known[:, 0], known[:, 1])))
+        share = float(self.valid.mean())
+        return f"FlowField({width} x {height}, {share:.0%} valid: mean ({x:+.2f}, {y:+.2f}) px, median {median:.2f} px)"
+
+    def _repr_html_(self) -> str:
+        from ..plotting import fitted_max_flow, flow_to_color
+
+        if self.valid.size == 0:
+            return _display.html(repr(self), None)
+        return _display.html(repr(self), flow_to_color(self, max_flow=fitted_max_flow(self), legend=True))
 
     @cached_property
     def gain(self) -> NDArray[np.float32]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rsflow import _checks
 from rsflow._checks.knobs import Illumination, Preset
+from rsflow._display import options
 from rsflow.errors import ShapeError
 from rsflow.flow import DenseFlow as _Estimator
 from rsflow.flow import dense_flow
@@ -77,6 +78,9 @@ class DenseFlow:
         }
         # Raises now what `calc` would raise for each pair of frames.
         _Estimator(**self._knobs)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({options(**self._knobs)})"
 
     def calc(self, I0: NDArray[Any], I1: NDArray[Any], flow: Any = None) -> NDArray[Any]:
         """Return the flow from `I0` to `I1`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,40 +26,11 @@ _INK: Color = (255, 255, 255)
 _PANEL: Color = (24, 24, 24)
 
 
-def displayed(picture: NDArray[Any], name: str = "picture") -> NDArray[np.uint8]:
-    """Make a new blue, green, red uint8 picture to draw on, of any frame.
-
-    uint8 stays as it is; uint16 and floating point are stretched from their 0.5th to their 99.5th percentile.
-    """
-    array = _checks.picture(name, picture)
-    if array.dtype != np.uint8:
-        array = _stretched(array)
-    if array.ndim == 2:
-        return np.repeat(array[..., None], 3, axis=2)
-    return np.array(array, order="C")
-
-
-def display_range(array: NDArray[Any]) -> tuple[float, float]:
-    """Return the values shown as black and as white."""
-    values = array[np.isfinite(array)]
-    low, high = np.percentile(values, (0.5, 99.5)) if values.size else (0.0, 1.0)
-    return float(low), float(high)
-
-
 def distinct_color(number: int) -> Color:
     """Return a bright colour that differs from those of the numbers nearby: hues a golden angle apart."""
     hue = (number * 0.61803) % 1.0 * 6
     wave = [255 * min(max(abs((hue + shift) % 6 - 3) - 1, 0.25), 1) for shift in (4.0, 2.0, 0.0)]
     return int(wave[0]), int(wave[1]), int(wave[2])
-
-
-def _stretched(array: NDArray[Any]) -> NDArray[np.uint8]:
-    with np.errstate(over="ignore"):
-        values = array.astype(np.float32)
-    low, high = display_range(values)
-    # Clipped first: what is infinite is black or white.
-    scaled = (np.nan_to_num(values, nan=low).clip(low, high) - low) * (255.0 / max(high - low, 1e-6))
-    return scaled.clip(0, 255).astype(np.uint8)
 
 
 def magnified(picture: NDArray[np.uint8], zoom: int) -> NDArray[np.uint8]:
@@ -82,6 +53,15 @@ def polylines(picture: NDArray[np.uint8], lines: Sequence[NDArray[np.float64]], 
     limit = 1 << 14
     fixed = [np.rint(np.clip(line, -limit, limit) * (1 << _SHIFT)).astype(np.int32) for line in lines]
     cv2.polylines(picture, fixed, False, color, width, cv2.LINE_AA, _SHIFT)
+
+
+def disc(picture: NDArray[np.uint8], centre: NDArray[np.floating], radius: int, color: Color) -> None:
+    """Draw a disc, anti-aliased, in place; one far outside the picture is left out."""
+    import cv2
+
+    if np.abs(centre).max() < 1 << 14:
+        x, y = (round(float(value) * (1 << _SHIFT)) for value in centre)
+        cv2.circle(picture, (x, y), radius << _SHIFT, color, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
 
 def text_size(text: str, *, size: float = 1.0) -> tuple[int, int]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _checks
+from .._display import displayed
 from ..errors import ShapeError
 from ..io.flow_files import known_flow
 from . import drawing
@@ -202,7 +203,7 @@ def flow_over_picture(
     if path is not None:
         path = drawing.expect_picture_name(path)
     uv, known = _known(field, valid)
-    ground = drawing.displayed(picture)
+    ground = displayed(picture)
     if ground.shape != (*uv.shape[:2], 3):
         raise ShapeError(f"picture: got shape {ground.shape[:2]}, expected that of field, {uv.shape[:2]}")
     limit = _checked_max_flow(fitted_max_flow(field) if max_flow is None else max_flow, uv, known)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _checks
+from .._display import displayed
 from ..errors import OptionError, ShapeError
 from ..io.atomic import writing
 from . import arrows, drawing
@@ -98,7 +99,7 @@ def quiver(
     uv = vectors_of(field)
     starts = None if points is None else _checks.coordinates("points", points)
     size = _size(uv, starts, picture)
-    canvas = np.full((*size, 3), 48, np.uint8) if picture is None else drawing.displayed(picture)
+    canvas = np.full((*size, 3), 48, np.uint8) if picture is None else displayed(picture)
     if canvas.shape[:2] != size:
         raise ShapeError(f"picture: got shape {canvas.shape[:2]}, expected that of the flow, {size}")
     shown: NDArray[np.bool_] = np.isfinite(uv[..., 0]) & np.isfinite(uv[..., 1])

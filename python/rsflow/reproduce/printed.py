@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._display import fields
+
 __all__ = ["WINDOW", "FocalLength", "implied_focal_length", "report"]
 
 # Side of the report's windows, in pixels.
@@ -55,6 +57,8 @@ class FocalLength:
     mean_px: float
     spread_px: float
     calibrated_px: float
+
+    __repr__ = fields
 
 
 def implied_focal_length() -> FocalLength:

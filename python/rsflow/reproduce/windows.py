@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import _checks
 from .._checks.knobs import Illumination
+from .._display import fields
 from ..errors import OptionError
 from ..shift import estimate_shift
 from ..synthetic import Lighting, Sensor, gain, offset, ramp, texture
@@ -123,6 +124,8 @@ class SyntheticMotion:
     actual_px: NDArray[np.float64]
     report_px: NDArray[np.float64] | None
     measured_px: NDArray[np.float64]
+
+    __repr__ = fields
 
     @property
     def errors_px(self) -> NDArray[np.float64]:

@@ -29,6 +29,9 @@ _ITERATIONS = 8
 # Flow is not better than this, whatever the residuals say: interpolation and quantisation, in pixels.
 _LEAST_SIGMA_PX = 0.02
 _FEWEST = 12
+# The frame is divided into so many tiles along each side, and each gives at most so many vectors.
+_TILES = 8
+_VECTORS_A_TILE = 8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -164,3 +167,13 @@ def _robust(p: F64, q: F64, start: F64, solve: Callable[[F64, F64, F64], F64], s
 def _sigma(residual: F64) -> float:
     """Estimate the deviation of one component from lengths: a Rayleigh distribution's median is 1.1774 sigma."""
     return max(float(np.median(residual)) / 1.1774, _LEAST_SIGMA_PX)
+
+
+def spread_evenly(rows: NDArray[np.intp], columns: NDArray[np.intp], shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """Choose a few vectors of each tile, so that the camera's motion is not that of what has texture."""
+    tile = (rows * _TILES // shape[0]) * _TILES + columns * _TILES // shape[1]
+    chosen = []
+    for number in np.unique(tile):
+        inside = np.nonzero(tile == number)[0]
+        chosen.append(inside[:: -(-len(inside) // _VECTORS_A_TILE)])
+    return np.concatenate(chosen) if chosen else np.zeros(0, np.intp)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 import numpy as np
 
 from .. import _checks
+from .._display import options
 from .._shared import Shared, alone
 from ..errors import RsflowError, ShapeError
 from ..io.atomic import writing
@@ -157,6 +158,10 @@ class ObjectTracker(Shared):
         self._tracks: list[_Track] = []
         self._next_id = 1
         self.labels: NDArray[np.int32] = np.zeros((0, 0), np.int32)
+
+    def __repr__(self) -> str:
+        told = options(min_area=self.min_area, max_missed=self.max_missed, min_age=self.min_age)
+        return f"ObjectTracker({told}): {sum(track.id != _UNNUMBERED for track in self._tracks)} objects followed"
 
     @alone
     def update(
@@ -324,9 +329,13 @@ class ObjectTable:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._writing = writing(_checks.path("path", path))
+        self._path = _checks.path("path", path)
+        self._writing = writing(self._path)
         self._file: TextIO | None = None
         self._rows: Any = None
+
+    def __repr__(self) -> str:
+        return f'ObjectTable("{self._path}"): {"closed" if self._file is None or self._file.closed else "open"}'
 
     def __enter__(self) -> ObjectTable:
         self._file = self._writing.__enter__().open("w", newline="", encoding="utf-8")

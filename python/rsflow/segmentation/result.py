@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import _checks
+from .. import _checks, _display
 from .._results.status import WordStatus
 from ..errors import ShapeError
 from ..plotting import drawing
@@ -99,6 +99,16 @@ class MotionSegmentation:
     status: SegmentationStatus
     mask: Mask | None = None
 
+    def __repr__(self) -> str:
+        height, width = self.moving.shape
+        parallax = " with parallax" if self.parallax else ""
+        seen = f"camera {self.camera_model}{parallax}, {float(self.moving.mean()):.2%} moving" if self.valid else ""
+        things = f"{len(self.objects)} object{'' if len(self.objects) == 1 else 's'}"
+        return f"MotionSegmentation({width} x {height}, {self.status}: {seen or self.status.explanation}; {things})"
+
+    def _repr_html_(self) -> str:
+        return _display.html(repr(self), self.moving_view())
+
     @property
     def valid(self) -> bool:
         """Whether the frame could be compared with the one before."""
@@ -158,14 +168,14 @@ class MotionSegmentation:
         near = regions.dilated(self.moving, 5)
         rows, columns = regions.pixels(near if self.mask is None else near & self.mask)
         behind = self.background[rows, columns]
-        low, high = (0.0, 255.0) if self.image.dtype == np.uint8 else drawing.display_range(self.image)
+        low, high = (0.0, 255.0) if self.image.dtype == np.uint8 else _display.display_range(self.image)
         filled = np.clip((np.nan_to_num(behind) - low) * (255.0 / max(high - low, 1e-6)), 0, 255)
         hatching = np.where((rows + columns) % 8 < 2, 110, 70)
         out[rows, columns] = np.where(np.isfinite(behind), filled, hatching).astype(np.uint8)[:, None]
         return out
 
     def _canvas(self, picture: NDArray[Any] | None) -> NDArray[np.uint8]:
-        out = drawing.displayed(self.image if picture is None else picture)
+        out = _display.displayed(self.image if picture is None else picture)
         if out.shape[:2] != self.moving.shape:
             raise ShapeError(f"picture: got shape {out.shape[:2]}, expected that of the frame, {self.moving.shape}")
         return out

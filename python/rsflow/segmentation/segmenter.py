@@ -18,6 +18,7 @@ import numpy as np
 
 from .. import _checks
 from .._checks.knobs import Illumination, Preset
+from .._display import options
 from .._shared import Shared, alone, anew
 from ..capture.masks import FixedMask
 from ..errors import DTypeError, OptionError, ShapeError
@@ -45,9 +46,6 @@ __all__ = ["MotionSegmentation", "MotionSegmenter"]
 
 # Vectors for the camera's motion stand this far apart, in pixels: about the reach of the flow's own smoothness.
 _VECTOR_STEP = 12
-# The frame is divided into so many tiles along each side, and each gives at most so many vectors.
-_TILES = 8
-_VECTORS_A_TILE = 8
 # Parallax is looked for among about so many vectors.
 _PARALLAX_VECTORS = 3000
 # Motion below this many pixels per frame is not told from rest.
@@ -152,6 +150,13 @@ class MotionSegmenter(Shared):
             next_mask=pixels,
         )
         self.reset()
+
+    def __repr__(self) -> str:
+        knobs = {"camera_motion": "static" if self.static_camera else "moving", "min_area": self.min_area}
+        told = options(**knobs, mask=self._fixed is not None)
+        shape = None if self._previous is None else self._previous.shape
+        before = "no frame yet" if shape is None else f"frames of {shape[1]} x {shape[0]}"
+        return f"MotionSegmenter({told}): {before}"
 
     @anew
     def reset(self) -> None:
@@ -320,8 +325,7 @@ class MotionSegmenter(Shared):
         rows, columns = np.nonzero(valid[start::step, start::step])
         rows, columns = rows * step + start, columns * step + start
         points = np.column_stack([columns, rows]).astype(np.float64)
-        tile = (rows * _TILES // valid.shape[0]) * _TILES + columns * _TILES // valid.shape[1]
-        even = _evenly(tile)
+        even = _homography.spread_evenly(rows, columns, valid.shape)
         points, rows, columns = points[even], rows[even], columns[even]
         vectors = uv[rows, columns].astype(np.float64)
         if self.static_camera:
@@ -374,15 +378,6 @@ class MotionSegmenter(Shared):
             status=status,
             mask=None if self._fixed is None else self._fixed.pixels,
         )
-
-
-def _evenly(tile: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Choose a few vectors of each tile, so that the camera's motion is not that of what has texture."""
-    chosen = []
-    for number in np.unique(tile):
-        inside = np.nonzero(tile == number)[0]
-        chosen.append(inside[:: -(-len(inside) // _VECTORS_A_TILE)])
-    return np.concatenate(chosen) if chosen else np.zeros(0, np.intp)
 
 
 def _given_flow(flow: FlowLike, shape: tuple[int, ...]) -> FlowLike:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _checks
+from .._display import fields
 from ..camera.model import Camera
 from ..capture.stream import Frame
 from ..errors import ShapeError
@@ -134,6 +135,8 @@ class Flight:
     masks: NDArray[np.uint8]
     objects: tuple[MovingObject, ...]
     path: Path = field(repr=False)
+
+    __repr__ = fields
 
     def __len__(self) -> int:
         return len(self.images)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _checks
+from .._display import fields
 from .lighting import Lighting, lit
 from .motions import Part
 from .sensor import Sensor, sensor_or
@@ -58,6 +59,8 @@ class LayersPair:
     flow: NDArray[np.float32]
     visible: NDArray[np.bool_]
     layer: NDArray[np.int64]
+
+    __repr__ = fields
 
 
 @dataclass(frozen=True)

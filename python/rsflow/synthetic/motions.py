@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _checks
+from .._display import fields
 from ..errors import OptionError, ShapeError
 from .lighting import Lighting, lit
 from .sensor import Sensor, sensor_or
@@ -148,6 +149,8 @@ class MotionsPair:
     parts: tuple[Part, ...]
     part_prev: NDArray[np.int64]
     part_next: NDArray[np.int64]
+
+    __repr__ = fields
 
     def truth(self, points: ArrayLike) -> NDArray[np.float64]:
         """Where points (N, 2) of `prev` are in `next`, inside of the frame or not, hidden or not."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _checks
+from .._display import fields
 from ..errors import OptionError
 from .lighting import Lighting, lit
 from .sensor import Sensor, sensor_or
@@ -113,6 +114,8 @@ class Texture:
 
     coefficients: NDArray[np.float64]
     oversample: float
+
+    __repr__ = fields
 
     @classmethod
     def make(cls, kind: str = "ground", *, seed: int = 0, period: int = 1024, oversample: float = 2.0) -> Texture:
@@ -242,6 +245,8 @@ class ShiftedPair:
     dx: float
     dy: float
     bound_px: float
+
+    __repr__ = fields
 
 
 def shifted_pair(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _checks, _display
 from .._results.status import Status
 
 __all__ = ["PointStatus", "Tracks"]
@@ -112,6 +114,49 @@ class Tracks:
         """Motion (u, v) of each point in pixels, shape (N, 2); NaN unless tracked."""
         return self.points - self.origins
 
+    def draw(self, frame: NDArray[Any]) -> NDArray[np.uint8]:
+        """Draw the points over the newer frame: a disc each, and a line from where it was in the older one.
+
+        Parameters
+        ----------
+        frame : ndarray, shape (height, width) or (height, width, 3)
+            What to draw on, grey or blue, green, red; it stays as it is.
+
+        Returns
+        -------
+        ndarray of uint8, shape (height, width, 3)
+            Blue, green, red. A point of a `PointTracker` has the same colour in every frame; points without a position
+            are left out.
+
+        Raises
+        ------
+        ShapeError, DTypeError
+            If it is no picture.
+
+        Examples
+        --------
+        >>> import rsflow
+        >>> pair = rsflow.synthetic.shifted_pair(2.0, -1.0, size=(96, 64), seed=1)
+        >>> tracks = rsflow.track_points(pair.prev, pair.next, [(48, 32), (70, 20)])
+        >>> picture = tracks.draw(pair.next)
+        >>> picture.shape, bool((picture[31, 50] != pair.next[31, 50]).any())
+        ((64, 96, 3), True)
+        """
+        from ..plotting.points import draw_points
+
+        return draw_points(_checks.picture("frame", frame), self.points, self.origins, self.ids)
+
+    def _repr_html_(self) -> str:
+        known = self.points[np.isfinite(self.points).all(axis=1)]
+        if len(known) == 0:
+            return _display.html(repr(self), None)
+        from ..plotting.points import draw_points
+
+        # The frame is not kept: a dark ground that reaches from the corner of the picture to the last of the points.
+        width, height = (np.clip(known.max(axis=0), 1, 8191) + 9).astype(int)
+        ground = np.full((height, width), 24, np.uint8)
+        return _display.html(repr(self), draw_points(ground, self.points, self.origins, self.ids))
+
     def __len__(self) -> int:
         return len(self.points)
 
@@ -119,4 +164,6 @@ class Tracks:
         names = [status.name.lower() for status in PointStatus]
         counts = np.bincount(self.status, minlength=len(names))
         told = ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True) if count)
-        return f"Tracks({len(self)} points: {told or 'none'})"
+        moved = np.hypot(*self.displacement[self.valid].T)
+        median = f"; median motion {float(np.median(moved)):.2f} px" if len(moved) else ""
+        return f"Tracks({len(self)} points: {told or 'none'}{median})"

@@ -66,6 +66,10 @@ class TrackTable:
     def __init__(self) -> None:
         self._parts: list[dict[str, NDArray[np.generic]]] = []
 
+    def __repr__(self) -> str:
+        frames = len({int(part["frame"][0]) for part in self._parts if len(part["frame"])})
+        return f"TrackTable({len(self)} rows of {frames} frame{'' if frames == 1 else 's'})"
+
     def __len__(self) -> int:
         return sum(len(part["frame"]) for part in self._parts)
 

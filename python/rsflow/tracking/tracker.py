@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .. import _checks, _core
 from .._checks import knobs
 from .._checks.knobs import Deformation, Illumination
+from .._display import options
 from .._shared import Shared, alone, anew
 from ..errors import OptionError
 from .result import Tracks
@@ -73,7 +74,7 @@ class PointTracker(Shared):
         mask: NDArray[np.bool_] | None = None,
         record: bool = False,
     ) -> None:
-        options = knobs.tracking(
+        tracking = knobs.tracking(
             window_size=window_size,
             levels=levels,
             max_displacement=max_displacement,
@@ -83,13 +84,20 @@ class PointTracker(Shared):
             max_forward_backward=max_forward_backward,
             deformation=deformation,
         )
-        self._options = (options, *knobs.corners(max_corners, quality, min_distance))
+        self._options = (tracking, *knobs.corners(max_corners, quality, min_distance))
         self._tracker = _core.PointTracker(*self._options)
         fixed = _checks.mask_or_none("mask", mask)
         self._mask = None if fixed is None else fixed.copy()
         self._table = TrackTable() if _checks.flag("record", record) else None
         self._frame = 0
         self._t_s = math.nan
+
+    def __repr__(self) -> str:
+        knobs, max_corners, quality, min_distance = self._options
+        found = {"max_corners": max_corners, "quality": quality, "min_distance": min_distance}
+        shown = {name: value for name, value in knobs.items() if name in ("window_size", "levels", "max_displacement")}
+        told = options(**found, **shown, mask=self._mask is not None, record=self._table is not None)
+        return f"PointTracker({told}): {self._frame} frame{'' if self._frame == 1 else 's'}"
 
     @alone
     def update(self, frame: NDArray[Any], *, t_s: float | None = None, mask: NDArray[np.bool_] | None = None) -> Tracks:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _checks
+from .._display import options
 from .._rotation import rotation_matrix
 from .._shared import Shared, alone, anew
 from ..camera.model import Camera
@@ -123,6 +124,13 @@ class VelocityEstimator(Shared):
         self.mask = None if given_mask is None else given_mask.copy()
         self._prev: NDArray[Any] | None = None
         self._prev_t_s = np.nan
+
+    def __repr__(self) -> str:
+        knobs = {name: getattr(self, name) for name in ("height_m", "height_std_m", "rate_std_rad_s")}
+        told = options(**knobs, mask=self.mask is not None)
+        camera = f"{self.camera.width} x {self.camera.height} camera"
+        before = "no frame yet" if self._prev is None else f"last frame at {self._prev_t_s:.6g} s"
+        return f"VelocityEstimator({camera}{', ' if told else ''}{told}): {before}"
 
     @anew
     def reset(self) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _checks
+from .._display import measured
 from .._results.status import Status
 
 __all__ = ["Velocity", "VelocityStatus", "not_stated", "unmeasured"]
@@ -107,6 +108,15 @@ class Velocity:
     origin_velocity_m_s: F64 = field(default_factory=lambda: np.full(3, np.nan))
     parts: Mapping[str, F64] = field(default_factory=dict, repr=False)
     unstated: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        if not self.valid:
+            return f"Velocity(t={self.t_s:.6g} s, {self.status}: {self.status.explanation})"
+        std = np.sqrt(np.diag(self.covariance))
+        v = (self.vx_m_s, self.vy_m_s, self.vz_m_s)
+        told = ", ".join(f"v{axis}={measured(v[k], std[k])}" for k, axis in enumerate("xyz"))
+        unstated = f",\n         without the deviation of: {', '.join(self.unstated)}" if self.unstated else ""
+        return f"Velocity(t={self.t_s:.6g} s, {told} m/s, {self.n_points} points, {self.status}{unstated})"
 
     @property
     def valid(self) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _checks
+from .._display import fields
 from ..errors import DTypeError, FormatError, OptionError
 from ..io.atomic import writing
 from ..io.time_series import TIME_COLUMNS, first_wrong, read_table
@@ -73,6 +74,8 @@ class Heights:
     by: str
     keys: NDArray[np.float64]
     height_m: NDArray[np.float64]
+
+    __repr__ = fields
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Heights:

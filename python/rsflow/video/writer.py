@@ -84,6 +84,10 @@ class VideoWriter(OfProcess):
         self._start_s: float | None = None
         self._last_tick = -1
 
+    def __repr__(self) -> str:
+        state = f"{self.frames} frames, {'closed' if self._closed else 'open'}"
+        return f'VideoWriter("{self.path}", {self.codec}, {float(self._rate):g} frames/s): {state}'
+
     def __enter__(self) -> VideoWriter:
         return self
 
