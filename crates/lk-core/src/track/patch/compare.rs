@@ -2,7 +2,7 @@
 
 use super::Window;
 use super::region::{BorderScratch, SPLINE_BEFORE, SPLINE_TAPS, region, split};
-use super::sampling::{Linear, Sampling, Spline, pair, spline_weights};
+use super::sampling::{Filtered, Linear, Sampling, Spline, pair, spline_weights};
 use super::sums::{Cell, Sums};
 use super::template::Template;
 use crate::frame::Plane;
@@ -68,8 +68,8 @@ impl Compare<'_> {
         let (wx, wy) = (pair::<L>(fx), pair::<L>(fy));
         let mut sums = DifferenceSums::<L, LIGHT, TILT, SQUARED>::new(template);
         for block in 0..window.blocks() {
-            let mut samples = Linear::new(region, block * EIGHT, &wx);
-            sums.block::<MASKED>(template, block, || samples.below(&wx, &wy));
+            let samples = Linear::new(region, block * EIGHT, &wx);
+            sums.block::<_, MASKED>(template, block, samples, (&wx, &wy));
         }
         sums.finish()
     }
@@ -91,8 +91,8 @@ impl Compare<'_> {
         let (wx, wy) = (spline_weights::<L>(fx), spline_weights::<L>(fy));
         let mut sums = DifferenceSums::<L, LIGHT, LIGHT, true>::new(template);
         for block in 0..window.blocks() {
-            let mut samples = Spline::new(region, block * EIGHT, &wx);
-            sums.block::<MASKED>(template, block, || samples.below(&wx, &wy));
+            let samples = Spline::new(region, block * EIGHT, &wx);
+            sums.block::<_, MASKED>(template, block, samples, (&wx, &wy));
         }
         sums.finish()
     }
@@ -161,13 +161,14 @@ impl<L: Eight, const LIGHT: bool, const TILT: bool, const SQUARED: bool>
         }
     }
 
-    /// Add a block of lanes of the template, and what `below` samples of `next` for it, from the top row down.
+    /// Add a block of lanes of the template, and the samples of `next` for it, from the top row down.
     #[inline(always)]
-    fn block<const MASKED: bool>(
+    fn block<F: Filtered<L>, const MASKED: bool>(
         &mut self,
         template: &Template,
         block: usize,
-        mut below: impl FnMut() -> L,
+        mut samples: F,
+        (wx, wy): (&F::Weights, &F::Weights),
     ) {
         let window = template.window;
         let mask = L::first(window.width - block * EIGHT);
@@ -175,11 +176,11 @@ impl<L: Eight, const LIGHT: bool, const TILT: bool, const SQUARED: bool>
         if MASKED {
             let keep = template.joint.column(block, window);
             for (cell, keep) in template.column(block).iter().zip(keep) {
-                self.add(below(), cell, L::unpack(keep), &mut columns);
+                self.add(samples.below(wx, wy), cell, L::unpack(keep), &mut columns);
             }
         } else {
             for cell in template.column(block) {
-                self.add(below(), cell, mask, &mut columns);
+                self.add(samples.below(wx, wy), cell, mask, &mut columns);
             }
         }
         self.close(columns, window, block);

@@ -17,6 +17,16 @@ pub(crate) enum Sampling {
     Spline,
 }
 
+/// Eight columns of a region, filtered row by row from the top.
+pub(super) trait Filtered<L> {
+    /// Those of the taps along one axis.
+    type Weights;
+
+    /// The samples of the next row. Mark the implementation `#[inline(always)]`: a closure in its place would not be
+    /// compiled with the level's instructions.
+    fn below(&mut self, wx: &Self::Weights, wy: &Self::Weights) -> L;
+}
+
 /// The weights of the four pixels around a position `f` after the second of them.
 #[inline(always)]
 pub(super) fn spline_weights<L: Eight>(f: f32) -> [L; SPLINE_TAPS] {
@@ -57,10 +67,13 @@ impl<'a, L: Eight> Spline<'a, L> {
         (L::load(row, 1) * w[1] + L::load(row, 2) * w[2])
             + (L::load(row, 0) * w[0] + L::load(row, 3) * w[3])
     }
+}
 
-    /// The samples of the next row.
+impl<L: Eight> Filtered<L> for Spline<'_, L> {
+    type Weights = [L; SPLINE_TAPS];
+
     #[inline(always)]
-    pub(super) fn below(&mut self, wx: &[L; SPLINE_TAPS], wy: &[L; SPLINE_TAPS]) -> L {
+    fn below(&mut self, wx: &Self::Weights, wy: &Self::Weights) -> L {
         let [a, b, c] = self.rows;
         let newest = Self::across(self.source.below(), wx);
         self.rows = [b, c, newest];
@@ -92,10 +105,13 @@ impl<'a, L: Eight> Linear<'a, L> {
     fn across(row: &[f32; EIGHT + 1], wx: &[L; 2]) -> L {
         L::load(row, 0) * wx[0] + L::load(row, 1) * wx[1]
     }
+}
 
-    /// The samples of the next row.
+impl<L: Eight> Filtered<L> for Linear<'_, L> {
+    type Weights = [L; 2];
+
     #[inline(always)]
-    pub(super) fn below(&mut self, wx: &[L; 2], wy: &[L; 2]) -> L {
+    fn below(&mut self, wx: &Self::Weights, wy: &Self::Weights) -> L {
         let below = Self::across(self.source.below(), wx);
         let value = self.above * wy[0] + below * wy[1];
         self.above = below;

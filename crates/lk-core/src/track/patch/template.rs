@@ -6,7 +6,7 @@ use super::light::Light;
 use super::region::{
     BorderScratch, LEAST_STRIDE, MAX_SAMPLED, Region, SPLINE_BEFORE, SPLINE_TAPS, region, split,
 };
-use super::sampling::{Linear, Sampling, Spline, pair, spline_weights};
+use super::sampling::{Filtered, Linear, Sampling, Spline, pair, spline_weights};
 use super::sums::{Cell, MAX_CELLS, TemplateSums};
 use super::{MAX_SIDE, Window};
 use crate::frame::Plane;
