@@ -182,7 +182,7 @@ JOB: dict[str, Any] = {"overwrite": True, "stride": 1, "videos": False, "progres
 CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.Calibration": lambda _: (rsflow.Calibration, _fields(a_calibration())),
     "rsflow.Calibration.advice": lambda _: (a_calibration().advice, {}),
-    "rsflow.Calibration.as_dict": lambda _: (a_calibration().as_dict, {}),
+    "rsflow.Calibration.to_dict": lambda _: (a_calibration().to_dict, {}),
     "rsflow.Calibration.coverage": lambda _: (a_calibration().coverage, {}),
     "rsflow.Calibration.draw": lambda folder: (a_calibration().draw, {"folder": folder / "drawn"}),
     "rsflow.Calibration.save": lambda folder: (a_calibration().save, {"path": folder / "camera.json"}),
@@ -197,7 +197,9 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.Camera.load": lambda folder: (Camera.load, {"path": folder / "camera.json"}),
     "rsflow.Camera.save": lambda folder: (CAMERA.save, {"path": folder / "saved.json"}),
     "rsflow.Camera.scaled": lambda _: (CAMERA.scaled, {"width": WIDTH // 2, "height": HEIGHT // 2}),
+    "rsflow.Camera.to_dict": lambda _: (CAMERA.to_dict, {}),
     "rsflow.Camera.undistort_points": lambda _: (CAMERA.undistort_points, {"points": [(1.0, 2.0)]}),
+    "rsflow.Calibration.to_table": lambda _: (a_calibration().to_table, {}),
     "rsflow.CalibrationError": lambda _: (rsflow.CalibrationError, {}),
     "rsflow.CaptureError": lambda _: (rsflow.CaptureError, {}),
     "rsflow.DTypeError": lambda _: (rsflow.DTypeError, {}),
@@ -205,6 +207,10 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.DenseFlow.reset": lambda _: (rsflow.DenseFlow().reset, {}),
     "rsflow.DenseFlow.update": lambda _: (_ready(rsflow.DenseFlow, frame(0)).update, {"frame": frame(1)}),
     "rsflow.Extraction": lambda folder: (rsflow.Extraction, _fields(extraction(folder))),
+    "rsflow.Extraction.to_table": lambda folder: (
+        rsflow.Extraction(folder, True, {"motion": folder / "heights.csv"}, {}).to_table,
+        {"name": "motion"},
+    ),
     "rsflow.ExtractionInterrupted": lambda folder: (
         rsflow.ExtractionInterrupted,
         {"message": "stopped", "extraction": extraction(folder)},
@@ -213,11 +219,14 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.FlowField.mean": lambda _: (field().mean, {}),
     "rsflow.FlowField.plot": lambda folder: (field().plot, {"path": folder / "plot.png"}),
     "rsflow.FlowField.save": lambda folder: (field().save, {"path": folder / "flow.npy"}),
+    "rsflow.FlowField.to_table": lambda _: (field().to_table, {"step": 4}),
+    "rsflow.FlowField.to_xarray": lambda _: (field().to_xarray, {}),
     "rsflow.FlowField.warp": lambda _: (field().warp, {"frame": frame(1)}),
     "rsflow.InternalError": lambda _: (rsflow.InternalError, {}),
     "rsflow.OutOfMemoryError": lambda _: (rsflow.OutOfMemoryError, {}),
     "rsflow.FormatError": lambda _: (rsflow.FormatError, {}),
     "rsflow.Frame": lambda _: (Frame, {"image": frame(), "t_s": 0.0, "index": 0}),
+    "rsflow.Frame.to_dict": lambda _: (Frame(frame(), 0.0, 0).to_dict, {}),
     "rsflow.Frames": lambda _: (
         rsflow.Frames,
         {
@@ -231,6 +240,8 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.MotionSegmentation": lambda _: (rsflow.MotionSegmentation, _fields(segmentation())),
     "rsflow.MotionSegmentation.moving_view": lambda _: (segmentation().moving_view, {}),
     "rsflow.MotionSegmentation.static_view": lambda _: (segmentation().static_view, {}),
+    "rsflow.MotionSegmentation.to_dict": lambda _: (segmentation().to_dict, {}),
+    "rsflow.MotionSegmentation.to_table": lambda _: (segmentation().to_table, {}),
     "rsflow.MotionSegmenter": lambda _: (rsflow.MotionSegmenter, {}),
     "rsflow.MotionSegmenter.reset": lambda _: (rsflow.MotionSegmenter().reset, {}),
     "rsflow.MotionSegmenter.update": lambda _: (
@@ -256,11 +267,14 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.ShapeError": lambda _: (rsflow.ShapeError, {}),
     "rsflow.SegmentationStatus": lambda _: (rsflow.SegmentationStatus, {"value": "ok"}),
     "rsflow.Shift": lambda _: (rsflow.Shift, _fields(rsflow.estimate_shift(**PAIR))),
+    "rsflow.Shift.to_dict": lambda _: (rsflow.estimate_shift(**PAIR).to_dict, {}),
     "rsflow.ShiftStatus": lambda _: (rsflow.ShiftStatus, {"value": 0}),
     "rsflow.Tracks": lambda _: (rsflow.Tracks, _fields(tracks())),
     "rsflow.Tracks.draw": lambda _: (tracks().draw, {"frame": frame(1)}),
+    "rsflow.Tracks.to_table": lambda _: (tracks().to_table, {}),
     "rsflow.Velocity": lambda _: (rsflow.Velocity, _fields(a_velocity())),
     "rsflow.Velocity.budget": lambda _: (a_velocity().budget, {}),
+    "rsflow.Velocity.to_dict": lambda _: (a_velocity().to_dict, {}),
     "rsflow.VelocityEstimator": lambda _: (rsflow.VelocityEstimator, {"camera": CAMERA}),
     "rsflow.VelocityEstimator.reset": lambda _: (rsflow.VelocityEstimator(CAMERA).reset, {}),
     "rsflow.VelocityEstimator.update": lambda _: (
@@ -300,6 +314,10 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         rsflow.batch.BatchItem,
         {"source": 0, "folder": folder, "status": rsflow.batch.BatchStatus.DONE, "error": "", "summary": {}},
     ),
+    "rsflow.batch.BatchItem.to_dict": lambda folder: (
+        rsflow.batch.BatchItem(0, folder, rsflow.batch.BatchStatus.DONE, "", {}).to_dict,
+        {},
+    ),
     "rsflow.batch.BatchStatus": lambda _: (rsflow.batch.BatchStatus, {"value": "done"}),
     "rsflow.batch.folder_names": lambda _: (rsflow.batch.folder_names, {"sources": ["a.mp4", 0]}),
     "rsflow.bench.Bench": lambda _: (
@@ -323,6 +341,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     ),
     "rsflow.calibration.find_corners": lambda _: (boards.find_corners, {"image": frame(), "board": BOARD}),
     "rsflow.calibration.View": lambda _: (calibration.View, {"name": "a", "used": True}),
+    "rsflow.calibration.View.to_dict": lambda _: (calibration.View("a", True).to_dict, {}),
     "rsflow.camera.format_of": lambda _: (rsflow.camera.formats.format_of, {"path": "camera.json"}),
     "rsflow.camera.load_camera": lambda folder: (
         rsflow.camera.formats.load_camera,
@@ -397,8 +416,8 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         rsflow.live.LiveReading,
         _fields(next(iter(rsflow.live.readings([frame(0), frame(1)])))),
     ),
-    "rsflow.live.LiveReading.as_dict": lambda _: (
-        next(iter(rsflow.live.readings([frame(0), frame(1)]))).as_dict,
+    "rsflow.live.LiveReading.to_dict": lambda _: (
+        next(iter(rsflow.live.readings([frame(0), frame(1)]))).to_dict,
         {},
     ),
     "rsflow.live.readings": lambda _: (
@@ -416,6 +435,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         {"mask": frame() > 100, "motion": np.zeros((HEIGHT, WIDTH, 2)), "camera_motion": np.eye(3)},
     ),
     "rsflow.objects.TrackedObject": lambda _: (objects.TrackedObject, _fields(THING)),
+    "rsflow.objects.TrackedObject.to_dict": lambda _: (THING.to_dict, {}),
     "rsflow.plotting.color_wheel": lambda _: (rsflow.plotting.color_wheel, {}),
     "rsflow.plotting.fitted_max_flow": lambda _: (rsflow.plotting.fitted_max_flow, {"fields": field()}),
     "rsflow.plotting.flow_over_picture": lambda _: (
@@ -507,6 +527,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     ),
     "rsflow.tracking.TrackTable.clear": lambda _: (rsflow.tracking.TrackTable().clear, {}),
     "rsflow.tracking.TrackTable.save": lambda folder: (rsflow.tracking.TrackTable().save, {"path": folder / "t.csv"}),
+    "rsflow.tracking.TrackTable.to_dict": lambda _: (rsflow.tracking.TrackTable().to_dict, {}),
     "rsflow.velocity.Heights": lambda _: (velocity.Heights, _fields(_heights())),
     "rsflow.velocity.Heights.at": lambda _: (_heights().at, {"frame": 0, "t_s": 0.0}),
     "rsflow.velocity.Heights.read": lambda folder: (velocity.Heights.read, {"path": folder / "heights.csv"}),

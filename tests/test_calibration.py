@@ -63,7 +63,7 @@ def test_it_tells_what_it_found():
     text = result.summary()
     assert f"f is known to {result.focal_deviation:.2%}" in text
     assert "frame 3" in text
-    data = result.as_dict()
+    data = result.to_dict()
     assert json.loads(json.dumps(data, allow_nan=False))["camera"]["fx"] == result.camera.fx
     tilts = [view.tilt_rad for view in result.used]
     assert min(tilts) > 0.25

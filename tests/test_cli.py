@@ -249,7 +249,7 @@ def test_live_measures_velocity_with_camera_and_height():
     np.testing.assert_allclose([reading.vx_m_s for reading in found], 0.03, atol=1e-3)
     np.testing.assert_allclose([reading.vy_m_s for reading in found], 0.01, atol=1e-3)
     assert len(found[0].notes) == 1
-    assert "not stated" in found[0].as_dict()["notes"][0]
+    assert "not stated" in found[0].to_dict()["notes"][0]
     (reading, *_) = live.readings(pairs, camera=flight.camera.scaled(352, 288), height_m=0.2, height_std_m=0.0)
     assert "was scaled to 176 x 144" in reading.notes[0]
     assert "height" not in reading.notes[1]

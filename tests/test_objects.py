@@ -30,10 +30,10 @@ def test_numbers_last_while_things_pass_each_other_and_vanish() -> None:
         paths.append({thing.id: thing for thing in tracker.update(mask, motion)})
     assert set().union(*paths) == {1, 2}
     assert paths[-1][1].y < 30 < paths[-1][2].y
-    assert paths[-1][2].age == 20
-    assert paths[-1][1].age == 17
+    assert paths[-1][2].age_frames == 20
+    assert paths[-1][1].age_frames == 17
     assert paths[-1][1].box[2:] == (11, 11)
-    assert (paths[5][1].vx, paths[5][2].vx) == (4, -4)
+    assert (paths[5][1].vx_px_per_frame, paths[5][2].vx_px_per_frame) == (4, -4)
     assert tracker.labels.shape == (60, 100)
     assert set(np.unique(tracker.labels)) == {0, 1, 2}
     for _ in range(4):
@@ -46,19 +46,19 @@ def test_what_flickers_up_in_one_frame_has_no_number() -> None:
     tracker = ObjectTracker(min_area=10, min_age=2)
     assert [thing.id for thing in tracker.update(disks((60, 100), (20, 20)))] == [1], "nothing is known before"
     things = tracker.update(disks((60, 100), (20, 20), (60, 30)))
-    assert [(thing.id, thing.age) for thing in things] == [(1, 2)]
+    assert [(thing.id, thing.age_frames) for thing in things] == [(1, 2)]
     assert set(np.unique(tracker.labels)) == {0, 1}
     # The flicker at (60, 30) is gone; another one stays.
     assert len(tracker.update(disks((60, 100), (20, 20), (80, 50)))) == 1
     things = tracker.update(disks((60, 100), (20, 20), (80, 50)))
-    assert [(thing.id, thing.age) for thing in things] == [(1, 4), (2, 2)]
+    assert [(thing.id, thing.age_frames) for thing in things] == [(1, 4), (2, 2)]
 
 
 def test_a_region_that_becomes_another_has_no_velocity_of_its_centre() -> None:
     tracker = ObjectTracker()
     tracker.update(disks((60, 100), (20, 30)))
     (thing,) = tracker.update(disks((60, 100), (20, 30), (28, 30), (36, 30)))
-    assert np.isnan(thing.vx)
+    assert np.isnan(thing.vx_px_per_frame)
 
 
 def test_without_motion_the_way_of_the_centre_is_the_velocity() -> None:
@@ -66,7 +66,7 @@ def test_without_motion_the_way_of_the_centre_is_the_velocity() -> None:
     camera = np.array([[1, 0, 2.0], [0, 1, 0], [0, 0, 1]])
     for k in range(4):
         (thing,) = tracker.update(disks((60, 120), (20 + 5 * k, 30)), None, camera)
-        assert np.isnan(thing.vx) if k == 0 else thing.vx == pytest.approx(3.0)
+        assert np.isnan(thing.vx_px_per_frame) if k == 0 else thing.vx_px_per_frame == pytest.approx(3.0)
     with pytest.raises(rsflow.ShapeError, match="motion"):
         tracker.update(np.zeros((5, 5), bool), np.zeros((5, 4, 2)))
     with pytest.raises(rsflow.OptionError, match="min_area"):

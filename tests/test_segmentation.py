@@ -88,9 +88,9 @@ def test_the_mask_is_the_thing_that_moves(case: str) -> None:
         (thing,) = [thing for thing in result.objects if thing.area > 200]
         assert thing.id == results[2].objects[0].id
         assert np.hypot(thing.x - np.nonzero(mask)[1].mean(), thing.y - np.nonzero(mask)[0].mean()) < 4
-    assert thing.age >= 7
-    assert thing.vx == pytest.approx(3.0, abs=0.5)
-    assert thing.vy == pytest.approx(1.0, abs=0.5)
+    assert thing.age_frames >= 7
+    assert thing.vx_px_per_frame == pytest.approx(3.0, abs=0.5)
+    assert thing.vy_px_per_frame == pytest.approx(1.0, abs=0.5)
 
 
 @pytest.mark.parametrize(

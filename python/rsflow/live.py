@@ -57,7 +57,7 @@ class LiveReading:
     >>> reading = list(readings(flight, camera=flight.camera, height_m=0.2))[-1]
     >>> reading.frame, reading.status, round(reading.vx_m_s, 3)
     (2, 'ok', 0.03)
-    >>> list(reading.as_dict())[:4]
+    >>> list(reading.to_dict())[:4]
     ['frame', 't_s', 'dt_s', 'dx_px']
     """
 
@@ -87,7 +87,7 @@ class LiveReading:
         velocity = f"v=({self.vx_m_s:.4g}, {self.vy_m_s:.4g}, {self.vz_m_s:.4g}) m/s, {self.velocity_status}"
         return f"{first};\n            {velocity})"
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Give the numbers without the picture, NaN and infinity as None: what JSON can say.
 
         Returns

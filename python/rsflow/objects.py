@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from .segmentation.objects import OBJECT_COLUMNS, ObjectTable, ObjectTracker, TrackedObject
+from .segmentation.object_table import OBJECT_COLUMNS, ObjectTable, TrackedObject
+from .segmentation.objects import ObjectTracker
 
 __all__ = ["OBJECT_COLUMNS", "ObjectTable", "ObjectTracker", "TrackedObject"]

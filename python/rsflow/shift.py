@@ -116,6 +116,44 @@ class Shift:
             return f"Shift({along} px along ({x:.3f}, {y:.3f}) alone, {self.status}: {self.status.explanation})"
         return f"Shift({self.status}: {self.status.explanation})"
 
+    def to_dict(self) -> dict[str, float | str]:
+        """Give it as a row, for ``pandas.DataFrame`` a list of such.
+
+        Returns
+        -------
+        dict of str to float or str
+            Displacement, standard deviations and covariance by the names that ``motion.csv`` has; ``du_dx`` and so on
+            of `gradient`; the status in lower case. What was not measured is NaN, its deviation infinite.
+
+        Examples
+        --------
+        >>> import rsflow
+        >>> pair = rsflow.synthetic.shifted_pair(2.0, -1.0, seed=1)
+        >>> row = rsflow.estimate_shift(pair.prev, pair.next).to_dict()
+        >>> round(row["dx_px"], 1), row["status"], list(row)[:4]
+        (2.0, 'valid', ['dx_px', 'dy_px', 'dx_std_px', 'dy_std_px'])
+        """
+        (du_dx, du_dy), (dv_dx, dv_dy) = self.gradient.tolist()
+        direction_x, direction_y = self.direction.tolist()
+        return {
+            "dx_px": self.dx,
+            "dy_px": self.dy,
+            "dx_std_px": math.sqrt(self.covariance[0, 0]),
+            "dy_std_px": math.sqrt(self.covariance[1, 1]),
+            "dxdy_cov_px2": float(self.covariance[0, 1]),
+            "gain": self.gain,
+            "offset": self.offset,
+            "residual": self.residual,
+            "status": self.status.word,
+            "direction_x": direction_x,
+            "direction_y": direction_y,
+            "direction_std_px": math.sqrt(self.direction_variance),
+            "du_dx": du_dx,
+            "du_dy": du_dy,
+            "dv_dx": dv_dx,
+            "dv_dy": dv_dy,
+        }
+
     @property
     def gradient_covariance(self) -> npt.NDArray[np.float64]:
         """Covariance of (du/dx, du/dy, dv/dx, dv/dy), shape (4, 4)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .picture import display_range, displayed, html
+from .table import columns
 from .text import fields, measured, options
 
-__all__ = ["display_range", "displayed", "fields", "html", "measured", "options"]
+__all__ = ["columns", "display_range", "displayed", "fields", "html", "measured", "options"]

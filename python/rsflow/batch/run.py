@@ -87,6 +87,30 @@ class BatchItem:
 
     __repr__ = fields
 
+    def to_dict(self) -> dict[str, str | int]:
+        """Give it as a row, for ``pandas.DataFrame`` a list of such.
+
+        Returns
+        -------
+        dict of str to str or int
+            Source, folder, status, error, and how many frames there are in ``motion.csv``.
+
+        Examples
+        --------
+        >>> item = BatchItem("a.mp4", Path("out/a"), BatchStatus.DONE, "", {"frames": 120})
+        >>> item.to_dict()
+        {'source': 'a.mp4', 'folder': 'out/a', 'status': 'done', 'error': '', 'frames': 120}
+        """
+        frames = int(self.summary.get("frames", 0))
+        status = BatchStatus(self.status).word
+        return {
+            "source": self.source,
+            "folder": str(self.folder),
+            "status": status,
+            "error": self.error,
+            "frames": frames,
+        }
+
 
 def _given(sources: Iterable[str | int | os.PathLike[str]]) -> list[str | int]:
     """Take a list of sources, each a camera's number or a path."""

@@ -158,7 +158,7 @@ def summary(calibration: Figures) -> str:
     return "\n".join(lines)
 
 
-def as_dict(calibration: Figures) -> dict[str, Any]:
+def to_dict(calibration: Figures) -> dict[str, Any]:
     """Give everything but the corners as plain values; what is not known is None."""
     camera = calibration.camera
     return {
@@ -185,26 +185,14 @@ def as_dict(calibration: Figures) -> dict[str, Any]:
         "board": list(calibration.board.size),
         "square_size_m": calibration.board.square_size_m,
         "pattern": calibration.board.pattern,
-        "views": [
-            {
-                "name": view.name,
-                "used": view.used,
-                "reason": view.reason,
-                "corners": len(view.corners),
-                "repaired": view.repaired,
-                "rms_px": _number(view.rms),
-                "tilt_rad": _number(view.tilt_rad),
-                "influence": _number(view.influence),
-            }
-            for view in calibration.views
-        ],
+        "views": [{name: _number(value) for name, value in view.to_dict().items()} for view in calibration.views],
         "doubts": list(calibration.doubts),
         "advice": list(advice(calibration)),
     }
 
 
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _number(value: str | float) -> str | float | None:
+    return value if isinstance(value, str) or math.isfinite(value) else None
 
 
 def draw(calibration: Figures, folder: Path) -> list[Path]:

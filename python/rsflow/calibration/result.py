@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from .. import _checks, _display
 from ..camera.model import CameraFormat
 from . import report
 from .figures import Figures
+from .views import VIEW_COLUMNS
 
 __all__ = ["Calibration"]
 
@@ -58,8 +61,10 @@ class Calibration(Figures):
     (4, {}, (4,))
     >>> found.advice()[0]
     'add views: 4 were used, 10 to 20 make deviations reliable'
-    >>> found.summary().split(",")[0], int(found.coverage().sum()), found.as_dict()["rms_px"] == found.rms
+    >>> found.summary().split(",")[0], int(found.coverage().sum()), found.to_dict()["rms_px"] == found.rms
     ('camera 320 x 240', 192, True)
+    >>> found.to_table()["corners"].tolist()
+    [48, 48, 48, 48]
     >>> import pathlib, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     found.save(pathlib.Path(folder, "camera.yml"))
@@ -81,9 +86,19 @@ class Calibration(Figures):
         """Give the result, its views and the advice as text."""
         return report.summary(self)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Give everything but the corners as plain values, for JSON."""
-        return report.as_dict(self)
+        return report.to_dict(self)
+
+    def to_table(self) -> dict[str, NDArray[Any]]:
+        """Give the views as columns of equal length, for ``pandas.DataFrame``: a row for each.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``name, used, reason, corners, repaired, rms_px, tilt_rad, influence``.
+        """
+        return _display.columns((view.to_dict() for view in self.views), VIEW_COLUMNS)
 
     def save(self, path: str | os.PathLike[str], *, format: CameraFormat | None = None) -> None:
         """Write the camera; see `Camera.save`.

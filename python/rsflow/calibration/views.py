@@ -18,13 +18,16 @@ from .board import Board
 from .detect import Corners
 from .detect_process import Searcher, SearchTimeoutError
 
-__all__ = ["DISTINCT", "SAME", "Search", "View", "to_8bit"]
+__all__ = ["DISTINCT", "SAME", "VIEW_COLUMNS", "Search", "View", "to_8bit"]
 
 # Share of the picture's diagonal by which the corners of a video frame must have moved, to be a view of its own.
 DISTINCT = 0.05
 
 # The same for pictures: less is the same picture twice (1.6 pixels of 640 x 480).
 SAME = 0.002
+
+# Of `View.to_dict`.
+VIEW_COLUMNS = ("name", "used", "reason", "corners", "repaired", "rms_px", "tilt_rad", "influence")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +82,31 @@ class View:
     jpeg: bytes = field(default=b"", repr=False)
 
     __repr__ = fields
+
+    def to_dict(self) -> dict[str, str | bool | int | float]:
+        """Give its figures as a row; `Calibration.to_table` has one for each view.
+
+        Returns
+        -------
+        dict of str to str, bool, int or float
+
+        Examples
+        --------
+        >>> from rsflow.calibration import View
+        >>> row = View("frame-3", False, reason="no board").to_dict()
+        >>> row["name"], row["used"], row["reason"], row["corners"]
+        ('frame-3', False, 'no board', 0)
+        """
+        return {
+            "name": self.name,
+            "used": self.used,
+            "reason": self.reason,
+            "corners": len(self.corners),
+            "repaired": self.repaired,
+            "rms_px": self.rms,
+            "tilt_rad": self.tilt_rad,
+            "influence": self.influence,
+        }
 
 
 class Search:

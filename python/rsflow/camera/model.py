@@ -63,6 +63,26 @@ class Camera(Intrinsics):
         lens = f",\n       {', '.join(told[4:])}" if told[4:] else ""
         return f"Camera({self.width} x {self.height} {self.model}: {', '.join(told[:4])} px{lens})"
 
+    def to_dict(self) -> dict[str, int | float | str]:
+        """Give the parameters as a row, for ``pandas.DataFrame`` a list of such.
+
+        Returns
+        -------
+        dict of str to int, float or str
+            Size and model, intrinsics and distortion coefficients in pixels by name, and ``fx_std`` and so on where a
+            deviation is known.
+
+        Examples
+        --------
+        >>> from rsflow import Camera
+        >>> Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240, std={"fx": 0.5}).to_dict()["fx_std"]
+        0.5
+        """
+        values = {"fx": self.fx, "fy": self.fy, "cx": self.cx, "cy": self.cy}
+        values |= dict(zip(self.distortion_names, self.distortion, strict=True))
+        deviations = {f"{name}_std": value for name, value in self.std.items()}
+        return {"width": self.width, "height": self.height, "model": self.model, **values, **deviations}
+
     @property
     def horizontal_fov_rad(self) -> float:
         """Angle between the rays of the left and right edge of the picture, along the row of the principal point."""

@@ -62,6 +62,23 @@ class Frame:
 
     __repr__ = _display.fields
 
+    def to_dict(self) -> dict[str, int | float | str]:
+        """Give what is known beside the picture as a row, for ``pandas.DataFrame`` a list of such.
+
+        Returns
+        -------
+        dict of str to int, float or str
+
+        Examples
+        --------
+        >>> import numpy as np, rsflow
+        >>> rsflow.Frame(np.zeros((48, 64), np.uint8), 0.25, 1).to_dict()
+        {'index': 1, 't_s': 0.25, 'name': '', 'width': 64, 'height': 48, 'dtype': 'uint8'}
+        """
+        height, width = self.image.shape[:2]
+        size = {"width": width, "height": height, "dtype": str(self.image.dtype)}
+        return {"index": self.index, "t_s": self.t_s, "name": self.name, **size}
+
     def _repr_html_(self) -> str:
         picture = self.image if self.color is None else self.color
         return _display.html(repr(self), _display.displayed(picture) if picture.size else None)

@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
             pictures = calibration.draw(args.pictures)
             folder.finish(pictures)
     if args.json:
-        json.dump(calibration.as_dict(), sys.stdout, indent=2, allow_nan=False)
+        json.dump(calibration.to_dict(), sys.stdout, indent=2, allow_nan=False)
         print()
         return 0
     print("\n".join(_wrapped(line) for line in calibration.summary().splitlines()))

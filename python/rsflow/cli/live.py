@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
             if note not in told:
                 print(f"note: {note}", file=sys.stderr)
         told += reading.notes if reading.notes != told else ()
-        print(json.dumps(reading.as_dict()) if args.json else _line(reading), flush=True)
+        print(json.dumps(reading.to_dict()) if args.json else _line(reading), flush=True)
         if window is not None and not window.show(reading):
             break
         if args.frames is not None and count >= args.frames:

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     from rsflow.capture.too_few import expect_range, too_few
     from rsflow.plotting.drawing import save_picture
     from rsflow.segmentation import MotionSegmenter
-    from rsflow.segmentation.objects import ObjectTable
+    from rsflow.segmentation.object_table import ObjectTable
     from rsflow.video import VideoWriter
 
     out = Path(args.output)

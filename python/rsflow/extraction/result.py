@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _checks
 from ..errors import RsflowError
+from . import columns
 
 __all__ = ["Extraction", "ExtractionInterrupted", "PartialExtractionError"]
 
@@ -50,10 +56,55 @@ class Extraction:
         whole = "complete" if self.complete else "partial"
         return f'Extraction("{self.folder}", {whole}, {frames}:\n           {", ".join(self.files) or "no files"})'
 
+    def to_table(self, name: str = "motion") -> dict[str, NDArray[Any]]:
+        """Read a table as columns of equal length, for ``pandas.DataFrame``: a row for each of the file.
+
+        Parameters
+        ----------
+        name : {"motion", "objects", "velocity", "trajectory"}
+            Which one of `files`.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Numbers as float64, NaN where the file has nothing; statuses and models as text.
+
+        Raises
+        ------
+        OptionError
+            If there is no such table.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> import tempfile, rsflow
+        >>> flight = rsflow.synthetic.flight(frames=3, velocity_m_s=(0.03, 0.0, 0.0), seed=1)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     table = rsflow.extract(flight.images, folder, frame_rate=30, videos=False).to_table("motion")
+        >>> table["frame"].tolist(), table["status"].tolist()
+        ([0.0, 1.0, 2.0], ['first_frame', 'ok', 'ok'])
+        """
+        tables = [known for known, path in self.files.items() if path.suffix == ".csv"]
+        if not tables:
+            raise _checks.refused("name", name, "a table, of which there is none")
+        name = _checks.choice("name", name, tables)
+        with self.files[name].open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        names = rows[0] if rows else self.files[name].read_text(encoding="utf-8").split("\n")[0].strip().split(",")
+        return {column: _column(column, [row[column] for row in rows]) for column in names}
+
     @property
     def frames(self) -> int:
         """Number of frames in ``motion.csv``."""
         return int(self.summary["frames"])
+
+
+def _column(name: str, texts: list[str]) -> NDArray[Any]:
+    """Give a column as text where it holds words, else as numbers."""
+    if name in columns.WORDS:
+        return np.array(texts, dtype=np.str_)
+    return np.array([float(text) if text else np.nan for text in texts])
 
 
 class PartialExtractionError(RsflowError, RuntimeError):

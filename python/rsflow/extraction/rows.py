@@ -108,18 +108,4 @@ def object_rows(frame: Any, segmentation: Any) -> list[dict[str, Any]]:
     """Give the rows of ``objects.csv`` for one frame."""
     if segmentation is None:
         return []
-    return [
-        {
-            "frame": frame.index,
-            "t_s": frame.t_s,
-            "id": thing.id,
-            "age_frames": thing.age,
-            "x_px": float(thing.x),
-            "y_px": float(thing.y),
-            **dict(zip(("left_px", "top_px", "width_px", "height_px"), map(int, thing.box), strict=True)),
-            "area_px": int(thing.area),
-            "vx_px_per_frame": float(thing.vx),
-            "vy_px_per_frame": float(thing.vy),
-        }
-        for thing in segmentation.objects
-    ]
+    return [{"frame": frame.index, "t_s": frame.t_s, **thing.to_dict()} for thing in segmentation.objects]

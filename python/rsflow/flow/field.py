@@ -6,13 +6,17 @@ import math
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _checks, _display
 from ..errors import DTypeError, ShapeError
+from . import export
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["FlowField"]
 
@@ -95,6 +99,11 @@ class FlowField:
         """Length of each displacement in pixels, shape (H, W)."""
         return np.asarray(np.hypot(self.uv[..., 0], self.uv[..., 1]))
 
+    @property
+    def angle_rad(self) -> NDArray[np.float32]:
+        """The same as `angle`, with its unit in the name."""
+        return self.angle
+
     @cached_property
     def angle(self) -> NDArray[np.float32]:
         """Direction of each displacement in radians from x (right) towards y (down), -pi to pi, shape (H, W)."""
@@ -167,31 +176,110 @@ class FlowField:
         warped[outside] = np.nan if picture.dtype.kind == "f" else 0
         return warped
 
-    def plot(self, picture: NDArray[Any] | None = None, **knobs: Any) -> Any:
-        """Draw the flow as arrows; see `rsflow.quiver`, which takes the same arguments and raises the same errors.
+    @overload
+    def plot(self, picture: NDArray[Any] | None = None, *, ax: None = None, **knobs: Any) -> NDArray[np.uint8]: ...
+    @overload
+    def plot(self, picture: NDArray[Any] | None = None, *, ax: Axes, **knobs: Any) -> Axes: ...
+    def plot(self, picture: NDArray[Any] | None = None, *, ax: Any = None, **knobs: Any) -> Any:
+        """Draw the flow as arrows: a picture, or into axes of matplotlib.
 
         Parameters
         ----------
         picture : ndarray, (H, W) or (H, W, 3), optional
             What to draw on; `prev`, for one.
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; the axes are then in pixels, y down.
         **knobs
-            ``path`` to save it, ``style``, and attributes of `rsflow.QuiverStyle`.
+            ``path`` to save it, ``style``, and attributes of `rsflow.QuiverStyle`, as `rsflow.quiver` takes them; with
+            `ax` no ``path``, and ``zoom`` means nothing.
 
         Returns
         -------
-        ndarray of uint8, (height, width, 3)
-            The picture, enlarged by the style's zoom; blue, green, red.
+        ndarray of uint8, (height, width, 3), or Axes
+            The picture, enlarged by the style's zoom; blue, green, red. With `ax` that.
+
+        Raises
+        ------
+        ShapeError, DTypeError, OptionError
+            As `rsflow.quiver`; and if `ax` is not axes of matplotlib, or there is a ``path`` beside it.
 
         Examples
         --------
         >>> import rsflow
         >>> pair = rsflow.synthetic.shifted_pair(2.0, -1.0, size=(96, 64), seed=1)
-        >>> rsflow.dense_flow(pair.prev, pair.next).plot(pair.prev, step=8, zoom=4).shape
+        >>> field = rsflow.dense_flow(pair.prev, pair.next)
+        >>> field.plot(pair.prev, step=8, zoom=4).shape
         (256, 384, 3)
+        >>> from matplotlib.figure import Figure
+        >>> axes = field.plot(pair.prev, ax=Figure().subplots(), step=8)
+        >>> [float(end) for end in (*axes.get_xlim(), *axes.get_ylim())]
+        [-0.5, 95.5, 63.5, -0.5]
         """
         from ..plotting import quiver
 
-        return quiver(self, picture=picture, **knobs)
+        if ax is None:
+            return quiver(self, picture=picture, **knobs)
+        from ..plotting.axes import quiver_into
+
+        return quiver_into(ax, self, picture=picture, **knobs)
+
+    def to_table(self, *, step: int = 1) -> dict[str, NDArray[Any]]:
+        """Give the flow as columns of equal length, for ``pandas.DataFrame``: a row for each pixel of a grid.
+
+        Parameters
+        ----------
+        step : int
+            Distance between the pixels of the grid; 1 is every pixel.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``x_px, y_px, dx_px, dy_px, residual, valid``, and ``std_x_px, std_y_px`` of a flow with covariance.
+
+        Raises
+        ------
+        OptionError
+            If `step` is no integer of at least 1.
+
+        Examples
+        --------
+        >>> import rsflow
+        >>> pair = rsflow.synthetic.shifted_pair(2.0, -1.0, size=(96, 64), seed=1)
+        >>> table = rsflow.dense_flow(pair.prev, pair.next).to_table(step=32)
+        >>> table["x_px"].tolist(), table["y_px"].tolist(), table["dx_px"].round(1).tolist()
+        ([16, 48, 80, 16, 48, 80], [16, 16, 16, 48, 48, 48], [2.0, 2.0, 2.0, 2.0, 2.0, 2.0])
+        """
+        step = _checks.integer("step", step, least=1, of="pixels")
+        return export.table(self.uv, self.valid, self.residual, self.covariance, step)
+
+    def to_xarray(self) -> Any:
+        """Give the flow as a dataset of xarray: labelled arrays over y and x in pixels, with units.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``u, v, valid, residual, gain, offset``, and ``var_u, var_v, cov_uv`` of a flow with covariance; the arrays
+            are those of the field, not copied.
+
+        Raises
+        ------
+        MissingExtraError
+            If xarray is not installed: ``pip install 'rsflow-motion[xarray]'``.
+
+        Examples
+        --------
+        >>> import rsflow
+        >>> pair = rsflow.synthetic.shifted_pair(2.0, -1.0, size=(96, 64), seed=1)
+        >>> data = rsflow.dense_flow(pair.prev, pair.next).to_xarray()
+        >>> dict(data.sizes), data.u.attrs["units"], round(float(data.u.where(data.valid).mean()), 1)
+        ({'y': 64, 'x': 96}, 'px', 2.0)
+        """
+        variables = {"u": self.uv[..., 0], "v": self.uv[..., 1], "valid": self.valid, "residual": self.residual}
+        variables |= {"gain": self.gain, "offset": self.offset}
+        if self.covariance is not None:
+            c = self.covariance
+            variables |= {"var_u": c[..., 0, 0], "var_v": c[..., 1, 1], "cov_uv": c[..., 0, 1]}
+        return export.dataset(variables)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the flow; what is not valid is unknown in the file.

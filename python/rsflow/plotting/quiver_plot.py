@@ -89,11 +89,7 @@ def quiver(
     >>> rsflow.quiver(flow, step=8, scale=2, zoom=4).shape
     (384, 512, 3)
     """
-    unknown = set(knobs) - set(_KNOBS)
-    if unknown:
-        raise OptionError(f"quiver: got the knob {sorted(unknown)[0]!r}, expected one of {', '.join(_KNOBS)}")
-    if style is not None:
-        _checks.instance("style", style, QuiverStyle, "a QuiverStyle")
+    expect_knobs(style, knobs)
     if path is not None:
         path = drawing.expect_picture_name(path, vectors=True)
     uv = vectors_of(field)
@@ -105,10 +101,7 @@ def quiver(
     shown: NDArray[np.bool_] = np.isfinite(uv[..., 0]) & np.isfinite(uv[..., 1])
     if valid is not None:
         shown &= _checks.bools("valid", valid, shown.shape, "the motion")
-    if style is None:
-        style = QuiverStyle.fitted([uv[shown]], width=size[1], **knobs)
-    else:
-        style = dataclasses.replace(style, **knobs)
+    style = chosen_style(style, knobs, uv[shown], size[1])
     if starts is None:
         where = arrows.known_grid(shown, style.step)
         columns, rows = where.astype(int).T
@@ -124,6 +117,24 @@ def quiver(
     elif path is not None:
         drawing.save_picture(path, drawn)
     return drawn
+
+
+def expect_knobs(style: object, knobs: dict[str, Any]) -> None:
+    """Refuse knobs that a style does not have, and a style that is none."""
+    unknown = set(knobs) - set(_KNOBS)
+    if unknown:
+        raise OptionError(f"quiver: got the knob {sorted(unknown)[0]!r}, expected one of {', '.join(_KNOBS)}")
+    if style is not None:
+        _checks.instance("style", style, QuiverStyle, "a QuiverStyle")
+
+
+def chosen_style(
+    style: QuiverStyle | None, knobs: dict[str, Any], vectors: NDArray[np.float32], width: int
+) -> QuiverStyle:
+    """Give the style with these knobs; without one, what fits these vectors."""
+    if style is None:
+        return QuiverStyle.fitted([vectors], width=width, **knobs)
+    return dataclasses.replace(style, **knobs)
 
 
 def _size(uv: NDArray[np.float32], points: NDArray[Any] | None, picture: NDArray[Any] | None) -> tuple[int, int]:

@@ -13,11 +13,12 @@ from .._results.status import WordStatus
 from ..errors import ShapeError
 from ..plotting import drawing
 from . import regions
+from .object_table import OBJECT_COLUMNS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .objects import TrackedObject
+    from .object_table import TrackedObject
 
     F32 = NDArray[np.float32]
     F64 = NDArray[np.float64]
@@ -114,6 +115,51 @@ class MotionSegmentation:
         """Whether the frame could be compared with the one before."""
         return self.status is SegmentationStatus.OK
 
+    def to_dict(self) -> dict[str, Any]:
+        """Give the frame's figures as a row, for ``pandas.DataFrame`` a list of such.
+
+        Returns
+        -------
+        dict of str to str, float or int
+            Status and model by their words, the share of the pixels that move (of those that count), and how many
+            objects there are.
+
+        Examples
+        --------
+        >>> import numpy as np, rsflow
+        >>> first = rsflow.MotionSegmenter().update(np.zeros((60, 80), np.uint8))
+        >>> first.to_dict()
+        {'status': 'first_frame', 'camera_model': 'none', 'parallax': False, 'moving_share': nan, 'objects': 0}
+        """
+        counted = self.moving if self.mask is None else self.moving[self.mask]
+        return {
+            "status": self.status.word,
+            "camera_model": self.camera_model,
+            "parallax": self.parallax,
+            "moving_share": float(counted.mean()) if self.valid and counted.size else math.nan,
+            "objects": len(self.objects),
+        }
+
+    def to_table(self) -> dict[str, NDArray[Any]]:
+        """Give the objects as columns of equal length, for ``pandas.DataFrame``: a row for each.
+
+        Returns
+        -------
+        dict of str to ndarray
+            The columns of ``objects.csv`` without frame and time; see `rsflow.objects.TrackedObject.to_dict`.
+
+        Examples
+        --------
+        >>> import rsflow
+        >>> segmenter = rsflow.MotionSegmenter(camera_motion="moving")
+        >>> for frame in rsflow.synthetic.flight_with_object(frames=4):
+        ...     seen = segmenter.update(frame.image)
+        >>> table = seen.to_table()
+        >>> table["id"].tolist(), list(table)[:4]
+        ([1], ['id', 'age_frames', 'x_px', 'y_px'])
+        """
+        return _display.columns([thing.to_dict() for thing in self.objects], OBJECT_COLUMNS[2:])
+
     def moving_view(self, picture: NDArray[Any] | None = None, *, boxes: bool = True) -> NDArray[np.uint8]:
         """Draw what moves, in its own light, before the darkened rest.
 
@@ -187,9 +233,10 @@ class MotionSegmentation:
             color = drawing.distinct_color(thing.id)
             x, y, width, height = thing.box
             cv2.rectangle(out, (x - 2, y - 2), (x + width + 1, y + height + 1), color, 1)
-            if np.isfinite(thing.vx):
+            vx, vy = thing.vx_px_per_frame, thing.vy_px_per_frame
+            if np.isfinite(vx):
                 # Not longer than thrice the thing: a speed that is wrong must not draw through the picture.
-                scale = min(10.0, 3 * math.hypot(width, height) / max(math.hypot(thing.vx, thing.vy), 1e-6))
-                tip = np.array([[thing.x, thing.y], [thing.x + scale * thing.vx, thing.y + scale * thing.vy]])
+                scale = min(10.0, 3 * math.hypot(width, height) / max(math.hypot(vx, vy), 1e-6))
+                tip = np.array([[thing.x, thing.y], [thing.x + scale * vx, thing.y + scale * vy]])
                 drawing.polylines(out, [tip], color, 1)
             drawing.put_text(out, str(thing.id), (x - 2, max(y - 5, 12)), color=color)

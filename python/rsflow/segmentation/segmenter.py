@@ -28,7 +28,7 @@ from . import homography as _homography
 from . import parallax as _parallax
 from .background import Background, warped
 from .foreground import Outline, shows_background
-from .objects import ObjectTracker, TrackedObject
+from .objects import ObjectTracker
 from .photometric import fit_light
 from .reduction import Reduction
 from .result import MotionSegmentation, SegmentationStatus
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..io.flow_files import FlowLike
+    from .object_table import TrackedObject
 
     F32 = NDArray[np.float32]
     F64 = NDArray[np.float64]

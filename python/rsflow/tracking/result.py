@@ -87,7 +87,7 @@ class Tracks:
     >>> import rsflow
     >>> pair = rsflow.synthetic.shifted_pair(2.0, -1.0, size=(96, 64), seed=1)
     >>> tracks = rsflow.track_points(pair.prev, pair.next, [(48, 32), (500, 10)])
-    >>> tracks.valid.tolist(), [rsflow.PointStatus(status).name for status in tracks.status]
+    >>> tracks.valid.tolist(), tracks.status_names.tolist()
     ([True, False], ['TRACKED', 'OUT_OF_FRAME'])
     >>> (tracks.points - tracks.origins)[0].round(1).tolist()
     [2.0, -1.0]
@@ -113,6 +113,53 @@ class Tracks:
     def displacement(self) -> NDArray[np.float32]:
         """Motion (u, v) of each point in pixels, shape (N, 2); NaN unless tracked."""
         return self.points - self.origins
+
+    @property
+    def status_names(self) -> NDArray[np.str_]:
+        """The statuses by name, shape (N,).
+
+        Examples
+        --------
+        >>> import rsflow
+        >>> pair = rsflow.synthetic.shifted_pair(2.0, -1.0, size=(96, 64), seed=1)
+        >>> rsflow.track_points(pair.prev, pair.next, [(48, 32), (500, 10)]).status_names.tolist()
+        ['TRACKED', 'OUT_OF_FRAME']
+        """
+        return np.array([status.name for status in PointStatus])[self.status]
+
+    def to_table(self) -> dict[str, NDArray[Any]]:
+        """Give the points as columns of equal length, for ``pandas.DataFrame``: a row for each.
+
+        Returns
+        -------
+        dict of str to ndarray
+            ``id, age, x_px, y_px, dx_px, dy_px, std_x_px, std_y_px, residual, status``: position, motion since the
+            frame before, standard deviations of the position, residual in grey levels and the status in lower case.
+            What was not measured is NaN.
+
+        Examples
+        --------
+        >>> import rsflow
+        >>> pair = rsflow.synthetic.shifted_pair(2.0, -1.0, size=(96, 64), seed=1)
+        >>> table = rsflow.track_points(pair.prev, pair.next, [(48, 32), (500, 10)]).to_table()
+        >>> table["dx_px"].round(1).tolist(), table["status"].tolist()
+        ([2.0, nan], ['tracked', 'out_of_frame'])
+        """
+        motion = self.displacement
+        deviation = np.sqrt(self.covariance[:, [0, 1], [0, 1]])
+        deviation[~np.isfinite(deviation)] = np.nan
+        return {
+            "id": self.ids,
+            "age": self.ages,
+            "x_px": self.points[:, 0],
+            "y_px": self.points[:, 1],
+            "dx_px": motion[:, 0],
+            "dy_px": motion[:, 1],
+            "std_x_px": deviation[:, 0],
+            "std_y_px": deviation[:, 1],
+            "residual": self.residual,
+            "status": np.char.lower(self.status_names),
+        }
 
     def draw(self, frame: NDArray[Any]) -> NDArray[np.uint8]:
         """Draw the points over the newer frame: a disc each, and a line from where it was in the older one.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .. import _checks
 from .._extras import require
 from ..io.atomic import writing
-from .result import PointStatus, Tracks
+from .result import Tracks
 
 __all__ = ["TrackTable"]
 
@@ -89,31 +89,27 @@ class TrackTable:
         frame = _checks.integer("frame", frame)
         t_s = _checks.number("t_s", t_s, of="seconds", or_nan=True)
         dt_s = _checks.number("dt_s", dt_s, of="seconds", or_nan=True)
-        names = np.array([status.name.lower() for status in PointStatus])
-        count = len(tracks)
+        known = tracks.to_table()
         motion = tracks.displacement
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             speed = motion / dt_s if dt_s > 0 else np.full_like(motion, np.nan)
-        deviation = np.sqrt(tracks.covariance[:, [0, 1], [0, 1]])
-        deviation[~np.isfinite(deviation)] = np.nan
-        self._parts.append(
-            {
-                "frame": np.full(count, frame, dtype=np.int64),
-                "t_s": np.full(count, t_s, dtype=np.float64),
-                "id": tracks.ids,
-                "age": tracks.ages,
-                "x_px": tracks.points[:, 0],
-                "y_px": tracks.points[:, 1],
-                "dx_px": motion[:, 0],
-                "dy_px": motion[:, 1],
-                "vx_px_s": speed[:, 0],
-                "vy_px_s": speed[:, 1],
-                "std_x_px": deviation[:, 0],
-                "std_y_px": deviation[:, 1],
-                "residual": tracks.residual,
-                "status": names[tracks.status],
-            }
-        )
+        count = len(tracks)
+        known |= {
+            "frame": np.full(count, frame, dtype=np.int64),
+            "t_s": np.full(count, t_s, dtype=np.float64),
+            "vx_px_s": speed[:, 0],
+            "vy_px_s": speed[:, 1],
+        }
+        self._parts.append({name: known[name] for name in self.NAMES})
+
+    def to_dict(self) -> dict[str, NDArray[np.generic]]:
+        """Give the columns, for ``pandas.DataFrame``; the same as `columns`.
+
+        Returns
+        -------
+        dict of str to ndarray
+        """
+        return self.columns
 
     def clear(self) -> None:
         """Forget all rows."""

@@ -124,6 +124,50 @@ class Velocity:
         return self.status is VelocityStatus.OK
 
     @property
+    def speed_m_s(self) -> float:
+        """Speed over the ground: the length of (vx, vy), as in `budget`; NaN where there is no velocity.
+
+        Examples
+        --------
+        >>> Velocity(1.0, 0.1, 3.0, 4.0, 0.5, np.eye(3) * 0.01, VelocityStatus.OK, 90, 5.0, 5.0).speed_m_s
+        5.0
+        """
+        return float(np.hypot(self.vx_m_s, self.vy_m_s))
+
+    def to_dict(self) -> dict[str, float | int | str]:
+        """Give it as a row, for ``pandas.DataFrame`` a list of such.
+
+        Returns
+        -------
+        dict of str to float, int or str
+            The columns of ``velocity.csv`` but frame and height, and the speed over the ground.
+
+        Examples
+        --------
+        >>> v = Velocity(1.0, 0.1, 3.0, 4.0, 0.5, np.eye(3) * 0.01, VelocityStatus.OK, 90, 5.0, 5.0)
+        >>> row = v.to_dict()
+        >>> row["vx_m_s"], row["vx_std_m_s"], row["speed_m_s"], row["status"]
+        (3.0, 0.1, 5.0, 'ok')
+        """
+        std = np.sqrt(np.diag(self.covariance)).tolist()
+        return {
+            "t_s": self.t_s,
+            "dt_s": self.dt_s,
+            "vx_m_s": self.vx_m_s,
+            "vy_m_s": self.vy_m_s,
+            "vz_m_s": self.vz_m_s,
+            "vx_std_m_s": std[0],
+            "vy_std_m_s": std[1],
+            "vz_std_m_s": std[2],
+            "speed_m_s": self.speed_m_s,
+            "dx_px": self.dx_px,
+            "dy_px": self.dy_px,
+            "n_points": self.n_points,
+            "status": self.status.word,
+            "std_without": "+".join(name.replace(" ", "_") for name in self.unstated),
+        }
+
+    @property
     def flow_px(self) -> float:
         """Length of the median displacement in pixels: the report's "optical flow"."""
         return float(np.hypot(self.dx_px, self.dy_px))

@@ -213,24 +213,8 @@ def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str
     _checks.instance("velocity", velocity, Velocity, "a Velocity")
     frame = _checks.integer("frame", frame)
     height_m = _checks.number("height_m", height_m, of="metres", or_nan=True)
-    std = np.sqrt(np.diag(velocity.covariance))
-    return {
-        "frame": frame,
-        "t_s": velocity.t_s,
-        "dt_s": velocity.dt_s,
-        "vx_m_s": velocity.vx_m_s,
-        "vy_m_s": velocity.vy_m_s,
-        "vz_m_s": velocity.vz_m_s,
-        "vx_std_m_s": float(std[0]),
-        "vy_std_m_s": float(std[1]),
-        "vz_std_m_s": float(std[2]),
-        "height_m": height_m,
-        "dx_px": velocity.dx_px,
-        "dy_px": velocity.dy_px,
-        "n_points": velocity.n_points,
-        "status": velocity.status.name.lower(),
-        "std_without": "+".join(name.replace(" ", "_") for name in velocity.unstated),
-    }
+    known = {**velocity.to_dict(), "frame": frame, "height_m": height_m}
+    return {name: known[name] for name in COLUMNS}
 
 
 def write_velocity_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
