@@ -5,10 +5,10 @@ use numpy::PyReadonlyArray2;
 use numpy::ndarray::{Ix1, Ix2};
 use pyo3::prelude::*;
 
-use crate::frames::{AnyFrame, mask as borrow_mask};
+use crate::frames::{AnyFrame, mask as borrow_mask, with_view};
+use crate::interrupt;
 use crate::outputs::filled;
 use crate::points::{POINTS, corner_options, cost};
-use crate::{interrupt, with_view};
 
 /// Positions (N, 2) and responses (N,) of the corners of a frame, the best first.
 #[pyfunction]

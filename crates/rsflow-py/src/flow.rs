@@ -7,12 +7,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::errors::{raise, to_python};
-use crate::frames::{AnyFrame, aligned, described, mask as borrow_mask, pair};
+use crate::frames::{
+    AnyFrame, aligned, described, mask as borrow_mask, pair, with_pair, with_view,
+};
 use crate::interrupt::run;
 use crate::outputs::owned;
 use crate::shared::{Caller, Shared};
 use crate::states::{array_plane, entry, item, plane_array};
-use crate::{with_pair, with_view};
 
 /// uv, valid, residual, gain and offset on a coarse grid, how many times that grid is halved, and the covariance if it was
 /// asked for.

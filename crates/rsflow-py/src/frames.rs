@@ -21,7 +21,6 @@ pub(crate) enum AnyView<'a> {
 }
 
 /// Call `$body` with `$frame` bound to the view, whatever its pixel type.
-#[macro_export]
 macro_rules! with_view {
     ($view:expr, |$frame:ident| $body:expr) => {
         match $view {
@@ -31,6 +30,7 @@ macro_rules! with_view {
         }
     };
 }
+pub(crate) use with_view;
 
 /// The views of two frames of the same pixel type.
 pub(crate) enum PairViews<'a> {
@@ -40,7 +40,6 @@ pub(crate) enum PairViews<'a> {
 }
 
 /// Call `$body` with `$prev` and `$next` bound to the views, whatever their pixel type.
-#[macro_export]
 macro_rules! with_pair {
     ($views:expr, |$prev:ident, $next:ident| $body:expr) => {
         match $views {
@@ -50,6 +49,7 @@ macro_rules! with_pair {
         }
     };
 }
+pub(crate) use with_pair;
 
 impl<'py> AnyFrame<'py> {
     /// Borrow the argument `name`.

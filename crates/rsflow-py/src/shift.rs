@@ -6,9 +6,8 @@ use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use crate::errors::to_python;
-use crate::frames::{AnyFrame, mask as borrow_mask, pair};
+use crate::frames::{AnyFrame, mask as borrow_mask, pair, with_pair};
 use crate::interrupt;
-use crate::with_pair;
 
 /// A matrix for Python.
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;

@@ -7,12 +7,12 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use crate::errors::to_python;
-use crate::frames::{AnyFrame, mask as borrow_mask};
+use crate::frames::{AnyFrame, mask as borrow_mask, with_view};
+use crate::interrupt;
 use crate::outputs::{filled, gathered};
 use crate::points::{POINTS, corner_options, to_dict, track_options};
 use crate::shared::{Caller, Shared};
 use crate::states::{array_plane, elements, entry, item, plane_array};
-use crate::{interrupt, with_view};
 
 /// Points through a sequence; see `rsflow.PointTracker`.
 #[pyclass(frozen, name = "PointTracker", module = "rsflow._core")]

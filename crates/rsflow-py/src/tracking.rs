@@ -6,11 +6,11 @@ use numpy::ndarray::{Ix1, Ix2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::frames::{AnyFrame, mask as borrow_mask, pair};
+use crate::frames::{AnyFrame, mask as borrow_mask, pair, with_pair, with_view};
+use crate::interrupt;
 use crate::outputs::filled;
 use crate::points::{POINTS, cost, points_of, to_dict, track_options};
 use crate::states::plane_array;
-use crate::{interrupt, with_pair, with_view};
 
 /// Add this file's functions to the module.
 pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
