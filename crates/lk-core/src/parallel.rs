@@ -1,112 +1,40 @@
-//! Threads: only here and in [`keep_warm`] is rayon named. Work is split into bands of rows or chunks of points.
+//! Threads: work is split into bands of rows or chunks of points. Only `pool` and `keep_warm` name rayon; without that
+//! feature all of it runs on the caller's thread.
 //!
-//! The pools belong to one process: after `fork()` the child builds its own. Where one thread is enough the work runs
-//! on the caller's thread and no pool is touched. A band never reads what another band writes, and no sum crosses a
-//! row, so the number of bands cannot change a bit of a result.
+//! Where one thread is enough the work runs on the caller's thread and no pool is touched. A band never reads what
+//! another band writes, and no sum crosses a row, so the number of bands cannot change a bit of a result.
 
+#[cfg(feature = "rayon")]
 mod keep_warm;
+#[cfg(feature = "rayon")]
+mod pool;
+#[cfg(not(feature = "rayon"))]
+#[path = "parallel/one_thread.rs"]
+mod pool;
 mod split;
 
 use std::ops::Range;
-use std::sync::atomic::AtomicUsize;
-use std::sync::{Arc, LazyLock};
 
-use arc_swap::ArcSwap;
-use rayon::{ThreadPool, ThreadPoolBuilder};
-
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::execution::Execution;
 use crate::threads::{self, num_threads};
 
-use keep_warm::{Call, join};
+use pool::join;
 pub(crate) use split::{EvenRows, RowsMut, SplitRows};
 
 /// Shortest bands, of about 10 us or more each, between two looks at a cancel flag.
 const CANCELLABLE_BAND: usize = 16;
 
-/// The pools of one process, by thread count: that of the last call, and that of calls that do not say otherwise. Others
-/// are let go, and their threads end once the last call that uses them does.
-struct Pools {
-    process: u32,
-    by_threads: Vec<(usize, Arc<Pool>)>,
-}
-
-struct Pool {
-    threads: ThreadPool,
-    /// Calls of [`within_pool`] that are under way.
-    calls: AtomicUsize,
-}
-
-static POOLS: LazyLock<ArcSwap<Pools>> = LazyLock::new(|| {
-    ArcSwap::from_pointee(Pools {
-        process: std::process::id(),
-        by_threads: Vec::new(),
-    })
-});
-
-/// Set the number of threads of all calls that do not say otherwise; 0 means one for each CPU.
+/// Set the number of threads of all calls that do not say otherwise; 0 means one for each CPU. Without the feature
+/// `rayon` it stays one.
 ///
 /// # Errors
 ///
-/// [`Error::Option`] for more than [`MAX_THREADS`](crate::MAX_THREADS).
+/// [`Error::Option`](crate::Error::Option) for more than [`MAX_THREADS`](crate::MAX_THREADS).
 pub fn set_num_threads(threads: usize) -> Result<()> {
     threads::request(threads)?;
-    let (process, wanted) = (std::process::id(), num_threads());
-    // The pools of a parent cannot be let go: see `pool`.
-    if POOLS.load().process == process {
-        POOLS.rcu(|pools| pools.kept(process, |count| count == wanted));
-    }
+    pool::keep_only(num_threads());
     Ok(())
-}
-
-impl Pools {
-    /// Those whose count is wanted; none of another process.
-    fn kept(&self, process: u32, wanted: impl Fn(usize) -> bool) -> Self {
-        let own = self.by_threads.iter().filter(|_| self.process == process);
-        Self {
-            process,
-            by_threads: own.filter(|(count, _)| wanted(*count)).cloned().collect(),
-        }
-    }
-}
-
-/// The pool of `threads` threads of this process.
-fn pool(threads: usize) -> Result<Arc<Pool>> {
-    let process = std::process::id();
-    let current = POOLS.load_full();
-    if current.process == process
-        && let Some((_, pool)) = current
-            .by_threads
-            .iter()
-            .find(|(count, _)| *count == threads)
-    {
-        return Ok(Arc::clone(pool));
-    }
-    let built = ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .thread_name(|index| format!("lk-core-{index}"))
-        .build()
-        .map_err(|error| Error::Threads {
-            threads,
-            reason: error.to_string(),
-        })?;
-    let built = Arc::new(Pool {
-        threads: built,
-        calls: AtomicUsize::new(0),
-    });
-    let usual = num_threads();
-    POOLS.rcu(|pools| {
-        let mut pools = pools.kept(process, |count| count == threads || count == usual);
-        if !pools.by_threads.iter().any(|(count, _)| *count == threads) {
-            pools.by_threads.push((threads, Arc::clone(&built)));
-        }
-        pools
-    });
-    if current.process != process {
-        // The threads of these pools stayed in the parent; to drop them would wait on locks that nobody holds here.
-        std::mem::forget(current);
-    }
-    Ok(built)
 }
 
 /// What the work on a band comes to.
@@ -134,7 +62,7 @@ impl Outcome for Result<()> {
 ///
 /// # Errors
 ///
-/// [`Error::Cancelled`] if the cancel flag was raised before the last band began, [`Error::Threads`] if no pool could
+/// [`Error::Cancelled`](crate::Error::Cancelled) if the cancel flag was raised before the last band began, [`Error::Threads`](crate::Error::Threads) if no pool could
 /// be started, that of a band that failed.
 pub(crate) fn for_each_band<S, F, R>(
     execution: &Execution,
@@ -171,9 +99,7 @@ where
         most - most % threads
     };
     let band = rows.div_ceil(bands).min(longest);
-    pool(threads)?
-        .threads
-        .install(|| halve(execution, 0..rows, band, outputs, &work))
+    pool::install(threads, || halve(execution, 0..rows, band, outputs, &work))?
 }
 
 /// The `min_rows` of [`for_each_band`] where all rows cost alike: two bands a thread, so that a thread that is held up
@@ -218,7 +144,7 @@ where
 ///
 /// # Errors
 ///
-/// [`Error::Threads`] if no pool could be started.
+/// [`Error::Threads`](crate::Error::Threads) if no pool could be started.
 pub(crate) fn within_pool<R: Send>(
     execution: &Execution,
     work: impl FnOnce() -> Result<R> + Send,
@@ -228,9 +154,7 @@ pub(crate) fn within_pool<R: Send>(
     if threads == 1 {
         return work();
     }
-    let pool = pool(threads)?;
-    let call = Call::begin(&pool.calls);
-    pool.threads.install(|| call.run(threads - 1, work))
+    pool::within(threads, work)
 }
 
 fn halve<S, F, R>(
@@ -263,7 +187,7 @@ where
 ///
 /// # Errors
 ///
-/// [`Error::Threads`] if no pool could be started.
+/// [`Error::Threads`](crate::Error::Threads) if no pool could be started.
 pub(crate) fn both<A: Send, B: Send>(
     execution: &Execution,
     first: impl FnOnce() -> A + Send,
@@ -271,7 +195,7 @@ pub(crate) fn both<A: Send, B: Send>(
 ) -> Result<(A, B)> {
     match execution.num_threads() {
         1 => Ok((first(), second())),
-        threads => Ok(pool(threads)?.threads.install(|| join(first, second))),
+        threads => pool::install(threads, || join(first, second)),
     }
 }
 

@@ -17,6 +17,19 @@ use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 use crate::support::Support;
 
 /// The levels of one frame, the finest first. Memory is kept from frame to frame.
+///
+/// ```
+/// use lk_core::ndarray::Array2;
+/// use lk_core::{Execution, Pyramid};
+///
+/// let frame = Array2::from_shape_fn((61, 80), |(y, x)| (3 * x + y) as f32);
+/// let mut pyramid = Pyramid::new(frame.view(), 3, &Execution::default())?;
+/// let sizes: Vec<_> = pyramid.levels().iter().map(|level| (level.height(), level.width())).collect();
+/// assert_eq!(sizes, [(61, 80), (31, 40), (16, 20)]);
+/// // The next frame takes the memory of this one.
+/// pyramid.rebuild(frame.view(), 3, &Execution::default())?;
+/// # Ok::<(), lk_core::Error>(())
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Pyramid {
     levels: Vec<Plane>,

@@ -8,6 +8,13 @@ use crate::error::{Error, Result};
 /// Most threads of a call: each has memory of its own, and more than there are CPUs gain nothing.
 pub const MAX_THREADS: usize = 1024;
 
+/// Threads that a call can have: without the feature `rayon`, that of its caller.
+pub(crate) const AVAILABLE: usize = if cfg!(feature = "rayon") {
+    MAX_THREADS
+} else {
+    1
+};
+
 /// What was asked for; 0 for one for each CPU.
 static REQUESTED: AtomicUsize = AtomicUsize::new(0);
 
@@ -38,7 +45,8 @@ pub(crate) fn check_threads(threads: usize) -> Result<()> {
     ))
 }
 
-/// The number of threads of all calls that do not say otherwise; how many CPUs there are is asked once.
+/// The number of threads of all calls that do not say otherwise; how many CPUs there are is asked once. Without the
+/// feature `rayon` it is one.
 #[must_use]
 pub fn num_threads() -> usize {
     // Asking reads files of the control groups: about 30 us, and every band of rows would pay it.
@@ -47,8 +55,8 @@ pub fn num_threads() -> usize {
         0 => *CPUS.get_or_init(|| {
             std::thread::available_parallelism()
                 .map_or(1, std::num::NonZero::get)
-                .min(MAX_THREADS)
+                .min(AVAILABLE)
         }),
-        threads => threads,
+        threads => threads.min(AVAILABLE),
     }
 }

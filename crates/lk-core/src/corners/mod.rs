@@ -37,6 +37,20 @@ pub struct CornerDetector {
 ///
 /// [`Error::Shape`](crate::Error::Shape) if the mask does not fit; those of [`CornerOptions::validate`] and of the
 /// execution.
+///
+/// ```
+/// use lk_core::ndarray::Array2;
+/// use lk_core::{CornerOptions, detect_corners};
+///
+/// // A bright square on dark ground has four.
+/// let inside = |at: usize| (20..40).contains(&at);
+/// let frame = Array2::from_shape_fn((60, 60), |(y, x)| if inside(x) && inside(y) { 200u8 } else { 20 });
+/// let corners = detect_corners(frame.view(), None, &CornerOptions::default())?;
+/// assert_eq!(corners.len(), 4);
+/// let [x, y] = corners[0].position;
+/// assert!((x - 19.5).abs().min((x - 39.5).abs()) < 1.5 && (y - 19.5).abs().min((y - 39.5).abs()) < 1.5);
+/// # Ok::<(), lk_core::Error>(())
+/// ```
 pub fn detect_corners<T: Pixel>(
     frame: Frame<'_, T>,
     mask: Option<ArrayView2<'_, bool>>,

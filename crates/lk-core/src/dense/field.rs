@@ -7,6 +7,27 @@ use crate::frame::Plane;
 use crate::memory::zeros;
 
 /// Where every pixel went, and how far that can be trusted. Memory is kept when it is filled again.
+///
+/// ```
+/// use lk_core::ndarray::Array2;
+/// use lk_core::{DenseFlow, DenseHints, DenseOptions, FlowField};
+///
+/// let scene = |x: f32, y: f32| 100.0 + 40.0 * (0.5 * x).sin() + 40.0 * (0.4 * y + 0.1 * x).cos();
+/// let frame = |index: f32| {
+///     Array2::from_shape_fn((96, 128), |(y, x)| scene(x as f32 - 1.5 * index, y as f32))
+/// };
+/// let mut estimator = DenseFlow::new(DenseOptions::default())?;
+/// let mut field = FlowField::default();
+/// for index in 0..3 {
+///     // The first frame has none before it.
+///     if estimator.update(frame(index as f32).view(), DenseHints::default(), &mut field)? {
+///         let measured = field.valid().iter().filter(|valid| **valid).count();
+///         assert!(2 * measured > field.width() * field.height());
+///         assert!((field.uv_view()[(48, 64, 0)] - 1.5).abs() < 0.1);
+///     }
+/// }
+/// # Ok::<(), lk_core::Error>(())
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct FlowField {
     pub(super) width: usize,

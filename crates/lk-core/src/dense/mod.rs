@@ -130,6 +130,20 @@ pub struct DenseFlow {
 ///
 /// [`Error::Shape`] if the frames or hints differ in size, [`Error::Option`] for options outside of what they allow,
 /// those of the execution.
+///
+/// ```
+/// use lk_core::ndarray::Array2;
+/// use lk_core::{DenseHints, DenseOptions, Preset, dense_flow};
+///
+/// let scene = |x: f32, y: f32| 100.0 + 40.0 * (0.5 * x).sin() + 40.0 * (0.4 * y + 0.1 * x).cos();
+/// let prev = Array2::from_shape_fn((96, 128), |(y, x)| scene(x as f32, y as f32));
+/// let next = Array2::from_shape_fn((96, 128), |(y, x)| scene(x as f32 - 1.5, y as f32 + 0.5));
+/// let options = DenseOptions::default().preset(Preset::Fast);
+/// let field = dense_flow(prev.view(), next.view(), DenseHints::default(), &options)?;
+/// let (u, v) = (field.uv_view()[(48, 64, 0)], field.uv_view()[(48, 64, 1)]);
+/// assert!(field.valid_view()[(48, 64)] && (u - 1.5).abs() < 0.1 && (v + 0.5).abs() < 0.1);
+/// # Ok::<(), lk_core::Error>(())
+/// ```
 pub fn dense_flow<T: Pixel>(
     prev: Frame<'_, T>,
     next: Frame<'_, T>,

@@ -1,8 +1,13 @@
+#![cfg(feature = "rayon")]
+
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::keep_warm::help_while;
+use super::pool::pool;
 use super::*;
+use crate::error::Error;
 
 #[test]
 fn bands_cover_every_row_once() {

@@ -56,6 +56,31 @@ const MIN_POINTS: usize = 16;
 ///
 /// [`Error::Shape`] if the frames, `initial` or `masks` do not fit together; those of [`TrackOptions::validate`] and
 /// of the execution.
+///
+/// ```
+/// use lk_core::ndarray::Array2;
+/// use lk_core::{CornerOptions, Masks, PointStatus, TrackOptions, detect_corners, track_points};
+///
+/// let scene = |x: f32, y: f32| {
+///     (0.4 * x + 0.1 * y).sin() * (0.3 * y).cos() + (0.0016 * x * y + 0.2 * y).sin()
+/// };
+/// let prev = Array2::from_shape_fn((120, 160), |(y, x)| scene(x as f32, y as f32));
+/// let next = Array2::from_shape_fn((120, 160), |(y, x)| scene(x as f32 - 2.25, y as f32 + 1.5));
+/// let corners = detect_corners(prev.view(), None, &CornerOptions::default().max_corners(50))?;
+/// let mut points: Vec<_> = corners.iter().map(|corner| corner.position).collect();
+/// points.push([-50.0, 60.0]);
+///
+/// let options = TrackOptions::default();
+/// let tracks = track_points(prev.view(), next.view(), &points, None, Masks::default(), &options)?;
+/// let valid = tracks.iter().filter(|track| track.is_valid()).count();
+/// assert!(2 * valid > points.len());
+/// for (track, [x, y]) in tracks.iter().zip(&points).filter(|(track, _)| track.is_valid()) {
+///     assert!((track.position[0] - x - 2.25).abs() < 0.1 && (track.position[1] - y + 1.5).abs() < 0.1);
+/// }
+/// // What cannot be measured says why.
+/// assert_eq!(tracks[points.len() - 1].status, PointStatus::OutOfFrame);
+/// # Ok::<(), lk_core::Error>(())
+/// ```
 pub fn track_points<T: Pixel>(
     prev: Frame<'_, T>,
     next: Frame<'_, T>,
