@@ -43,8 +43,8 @@ CASES: dict[str, tuple[str, str]] = {
     "a .flo that promises more": ("convert more.flo x.npy", r"says 1000000 x 1000000 .*but the file has 112"),
     "a .flo of negative size": ("convert negative.flo x.npy", r"says -4 x 5 pixels, expected at least 1 x 1"),
     "a .flo of another kind": ("convert magic.flo x.npy", r"not a \.flo file: starts with .*expected b'PIEH'"),
-    "an array of objects": ("convert objects.npy x.flo", r"objects\.npy: the array must be of real numbers"),
-    "an array of two dimensions": ("convert flat.npy x.flo", r"flat\.npy: the array must be \(height, width, 2\)"),
+    "an array of objects": ("convert objects.npy x.flo", r"the array: got dtype .*, expected real numbers"),
+    "an array of two dimensions": ("convert flat.npy x.flo", r"the array: got .*, expected \(height, width, 2\)"),
     "a camera that is not there": ("extract 97 -o out", r"camera 97: cannot be opened"),
     "a folder that cannot be made": ("extract pictures -o a.png", r"cannot make the folder a\.png: File exists"),
     "a folder under a file": ("segment pictures -o a.png/x", r"a\.png/x"),
@@ -109,7 +109,8 @@ def test_what_was_whole_of_a_source_that_breaks_off_is_kept_as_partial(
     assert main(["extract", "pictures", "-o", "out", "--no-videos"]) == 1
     (line,) = capfd.readouterr().err.splitlines()
     assert re.search(
-        r"pictures of different sizes: .*80 x 60 pixels, .*80 x 50; 4 frames are kept as \*\.partial\.\*", line
+        r"pictures of different sizes: .*got 80 x 50 pixels, expected 80 x 60 as .*; 4 frames are kept as \*\.partial",
+        line,
     )
     assert all(".partial." in path.name for path in Path("out").iterdir())
 

@@ -298,11 +298,11 @@ def test_the_region_is_cut_without_a_copy():
 def test_pictures_that_differ_are_named_with_their_sizes(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((48, 64), np.uint8))
     cv2.imwrite(str(tmp_path / "b.png"), np.zeros((24, 32), np.uint8))
-    with pytest.raises(rsflow.ShapeError, match=r"a\.png has 64 x 48 pixels, .*b\.png has 32 x 24"):
+    with pytest.raises(rsflow.ShapeError, match=r"b\.png: got 32 x 24 pixels, expected 64 x 48 as .*a\.png has"):
         list(rsflow.frames(tmp_path))
-    with pytest.raises(rsflow.ShapeError, match=r"frame 0 has 64 x 48 pixels, .*frame 1 has 6 x 4"):
+    with pytest.raises(rsflow.ShapeError, match=r"frame 1: got 6 x 4 pixels, expected 64 x 48 as .*frame 0 has"):
         list(rsflow.frames([np.zeros((48, 64), np.uint8), np.zeros((4, 6), np.uint8)]))
-    with pytest.raises(rsflow.DTypeError, match=r"frame 0 is uint8, .*frame 1 is uint16"):
+    with pytest.raises(rsflow.DTypeError, match=r"frame 1: got uint16, expected uint8 as .*frame 0 has"):
         list(rsflow.frames([np.zeros((4, 6), np.uint8), np.zeros((4, 6), np.uint16)]))
 
 

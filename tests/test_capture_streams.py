@@ -205,7 +205,7 @@ def test_pages_of_different_sizes_are_an_error(tmp_path):
     cv2.imwritemulti(
         str(path), [np.zeros((24, 32), np.uint8), np.zeros((24, 32), np.uint8), np.zeros((8, 9), np.uint8)]
     )
-    with pytest.raises(rsflow.ShapeError, match=r"frame 0 has 32 x 24 pixels, .*frame 2 has 9 x 8"):
+    with pytest.raises(rsflow.ShapeError, match=r"frame 2: got 9 x 8 pixels, expected 32 x 24 as .*frame 0 has"):
         list(rsflow.frames(path))
 
 

@@ -84,8 +84,8 @@ def test_flow_tells_before_it_measures_what_it_cannot_write(
             [*pair, "--picture", "a.mp4", "--style", "color"],
             'path: got "a.mp4", expected a name that ends in .png, .jpg or .jpeg',
         ),
-        ([*pair, "--stop", "3"], "--stop is for a source, got two pictures"),
-        ([clip, "-o", str(tmp_path / "a.flo")], "a source has a flow for each pair, expected a folder"),
+        ([*pair, "--stop", "3"], "--stop: got one for two pictures, expected a source"),
+        ([clip, "-o", str(tmp_path / "a.flo")], "expected a folder, since a source has a flow for each pair"),
         ([*pair, "--mask", str(tmp_path / "none.png")], "none.png: no such file or folder"),
         ([*pair, "--initial", str(tmp_path / "none.flo")], "No such file or directory"),
     ):
@@ -154,8 +154,12 @@ def test_convert(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["convert", str(tmp_path / "cam.json"), str(tmp_path / "cam.yml")]) == 0
     assert rsflow.Camera.load(tmp_path / "cam.yml").fy == pytest.approx(601)
     assert main(["convert", str(first), str(tmp_path / "b.txt")]) == 1
-    assert "is a flow file: expected .flo" in capsys.readouterr().err
+    line = capsys.readouterr().err
+    assert "got another format, expected .flo" in line
+    assert "is a flow file" in line
     assert main(["convert", str(tmp_path / "cam.json"), str(tmp_path / "b.flo")]) == 1
-    assert "is a camera file: expected .json" in capsys.readouterr().err
+    line = capsys.readouterr().err
+    assert "got another format, expected .json" in line
+    assert "is a camera file" in line
     assert main(["convert", str(tmp_path / "none.flo"), str(tmp_path / "b.npy")]) == 1
     assert "none.flo" in capsys.readouterr().err

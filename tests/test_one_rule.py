@@ -71,7 +71,7 @@ def test_two_outputs_are_two_files(here, capsys, other):
 def test_a_folder_that_is_none_is_said(here, capsys, command):
     Path("out").symlink_to("out")
     assert main([command, "in", "--rate", "30", *COMMANDS[command]]) == 1
-    assert "out: a file, or a link that leads nowhere" in capsys.readouterr().err
+    assert "out: got a file, or a link that leads nowhere, expected a folder" in capsys.readouterr().err
 
 
 def test_a_flow_of_negative_size_is_no_flow(tmp_path):

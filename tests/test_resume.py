@@ -337,7 +337,7 @@ def test_another_source_or_other_settings_are_refused(parked):
     for path in Path("out").glob("*.partial.*"):
         if path.is_file():
             path.unlink()
-    with pytest.raises(OptionError, match=r"resume.partial.d is the result of another source; .*--overwrite"):
+    with pytest.raises(OptionError, match=r"resume.partial.d, the result of another source, expected .*--overwrite"):
         rsflow.extract("still.mp4", "out", videos=False, resume=True)
     with pytest.raises(OptionError, match="does not show the same again"):
         rsflow.extract(iter(np.zeros((3, 48, 64), np.uint8)), "new", videos=False, resume=True)
@@ -348,7 +348,7 @@ def test_another_source_or_other_settings_are_refused(parked):
 
 def test_another_version_is_refused(parked, monkeypatch):
     monkeypatch.setattr(checkpoint, "__version__", "0.0.7")
-    with pytest.raises(OptionError, match=r"other versions \(rsflow .*, here 0.0.7\); .*--overwrite"):
+    with pytest.raises(OptionError, match=r"other versions \(rsflow .*, here 0.0.7\), expected .*--overwrite"):
         rsflow.extract("clip.mp4", "out", videos=False, resume=True)
 
 

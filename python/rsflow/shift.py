@@ -198,9 +198,9 @@ def estimate_shift(
         How the window may deform: not at all, or by a displacement that varies linearly over it, as in a turn, a zoom
         or a shear; `Shift.gradient` then says how.
     max_displacement : float, optional
-        The longest displacement to look for, a length in pixels: longer ones are not sought, and none that is longer by
-        half a pixel is valid. By default half the window along each axis. A pattern that repeats within this reach is
-        `ShiftStatus.AMBIGUOUS`: below half a period it is measured.
+        The longest displacement to look for, a length in pixels: longer ones are not sought, and none is valid. By
+        default half the window along each axis. What ends up less than a pixel beyond counts as within. A pattern that
+        repeats within this reach is `ShiftStatus.AMBIGUOUS`: below half a period it is measured.
 
     Returns
     -------

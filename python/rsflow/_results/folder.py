@@ -156,7 +156,7 @@ class ResultFolder:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except FileExistsError:
-            raise OptionError(f"{self.folder}: a file, or a link that leads nowhere; expected a folder") from None
+            raise OptionError(f"{self.folder}: got a file, or a link that leads nowhere, expected a folder") from None
         return self
 
     def __exit__(

@@ -289,12 +289,12 @@ def _expect_apart(sources: Sequence[str | int], folders: Sequence[str], settings
         real = os.path.realpath(folder)
         if real in taken:
             raise OptionError(
-                f"out: {taken[real]} and {folder} are one folder, {real}: two sources would share it; give another one"
+                f"out: got {taken[real]} and {folder}, which are one folder, {real}, expected one for each source"
             )
         taken[real] = folder
     for source in sources:
         if not isinstance(source, int) and Path(source).is_dir() and (real := os.path.realpath(source)) in taken:
-            raise OptionError(f"out: {taken[real]} is the folder of the pictures {source}: give another one")
+            raise OptionError(f"out: got {taken[real]}, the folder of the pictures {source}, expected another one")
     # What is read must outlast the whole batch.
     read = Inputs(list(sources), files=input_files(settings))
     read.refuse(Path(folder) / name for folder in folders for name in written_names(settings))

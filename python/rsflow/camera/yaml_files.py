@@ -84,7 +84,11 @@ def ros_text(camera: Intrinsics, name: str) -> str:
     elif len(camera.distortion) == 8:
         lens, coefficients = "rational_polynomial", camera.distortion
     else:
-        raise OptionError(f"format: ROS camera_info cannot hold {len(camera.distortion)} distortion coefficients")
+        count = len(camera.distortion)
+        raise OptionError(
+            f'format: got "ros", expected "json" or "opencv": ROS camera_info cannot hold {count} distortion '
+            "coefficients"
+        )
     K = camera.matrix
     projection = [*K[0], 0.0, *K[1], 0.0, *K[2], 0.0]
     # A name that YAML would take for something else (a number, a colon in it) must be quoted.
@@ -116,7 +120,10 @@ def kalibr_text(camera: Intrinsics) -> str:
     if camera.model == "fisheye":
         lens = "equidistant"
     elif any(coefficients[4:]):
-        raise OptionError(f"format: kalibr's radtan cannot hold {camera.distortion_names[4:]}, which are not zero")
+        names = camera.distortion_names[4:]
+        raise OptionError(
+            f'format: got "kalibr", expected another: kalibr\'s radtan cannot hold {names}, which are not zero'
+        )
     else:
         lens = "radtan"
     lines = [

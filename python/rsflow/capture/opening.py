@@ -124,7 +124,10 @@ def frames(
     reader = open_source(source, newest=newest, timeout_s=timeout_s, camera_size=camera_size, limit=limit)
     if reader.live and (frame_rate is not None or times is not None):
         reader.close()
-        raise OptionError(f"frame_rate, times: {reader.source} is live, its frames carry the clock's time")
+        raise OptionError(
+            f"frame_rate, times: got one for {reader.source}, which is live, expected None: its frames carry the "
+            "clock's time"
+        )
     try:
         return Frames(
             reader,

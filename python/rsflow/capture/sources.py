@@ -34,12 +34,15 @@ def open_source(
 
         return LiveReader(live, newest=newest is not False, timeout_s=timeout_s, camera_size=camera_size)
     if newest:
-        raise OptionError(f"newest: got True, but {_name(source)} is not live: no frame of it is lost by waiting")
+        raise OptionError(
+            f"newest: got True, expected False or None: {_name(source)} is not live, no frame of it is lost by waiting"
+        )
     if camera_size is not None:
-        raise OptionError(f"camera_size: got {camera_size}, but {_name(source)} is not a camera")
+        raise OptionError(f"camera_size: got {camera_size}, expected None: {_name(source)} is not a camera")
     if isinstance(source, Frames):
         raise OptionError(
-            "source: got the frames of another call, which have their options already: use them as they are"
+            "source: got the frames of another call, expected what they are of: they have their options already and "
+            "are used as they are"
         )
     if isinstance(source, np.ndarray):
         if source.ndim not in (3, 4):

@@ -152,7 +152,7 @@ class Frames(Iterator[Frame]):
         if times is not None:
             # The count of a container is an estimate: it is held against what comes.
             if reader.exact and reader.count is not None and len(times) != reader.count:
-                raise OptionError(f"times: got {len(times)} times for the {reader.count} frames of {self.source}")
+                raise _not_one_each(len(times), reader.count, self.source)
             doubt = doubtful_step(times)
             self._doubt = () if doubt is None else (f"times: {doubt[1]}",)
 
@@ -232,28 +232,31 @@ class Frames(Iterator[Frame]):
         if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
             raise ShapeError(f"{name}: got shape {image.shape}, expected (H, W), (H, W, 3) BGR or (H, W, 4) BGRA")
         if 0 in image.shape:
-            raise ShapeError(f"{name}: got an empty picture of shape {image.shape}")
+            raise ShapeError(f"{name}: got an empty picture of shape {image.shape}, expected at least one pixel")
         if self._first is None:
             self._first = (image.shape[:2], image.dtype, name)
             return
         shape, dtype, first = self._first
         if image.shape[:2] != shape:
             raise ShapeError(
-                f"pictures of different sizes: {first} has {shape[1]} x {shape[0]} pixels, "
-                f"{name} has {image.shape[1]} x {image.shape[0]}"
+                f"pictures of different sizes: {name}: got {image.shape[1]} x {image.shape[0]} pixels, expected "
+                f"{shape[1]} x {shape[0]} as {first} has"
             )
         if image.dtype != dtype:
-            raise DTypeError(f"pictures of different types: {first} is {dtype}, {name} is {image.dtype}")
+            raise DTypeError(f"pictures of different types: {name}: got {image.dtype}, expected {dtype} as {first} has")
 
     def _check_times(self) -> None:
         total = self._position + self.lost
         if self._times is not None and len(self._times) > total:
-            raise OptionError(f"times: got {len(self._times)} times for the {total} frames of {self.source}")
+            raise _not_one_each(len(self._times), total, self.source)
 
     def _time(self, raw: Raw) -> float:
         if self._times is not None:
             if raw.index >= len(self._times):
-                raise OptionError(f"times: got {len(self._times)} times, but {self.source} has a frame {raw.index}")
+                raise OptionError(
+                    f"times: got {len(self._times)} times, expected one for each frame: {self.source} has a frame "
+                    f"{raw.index}"
+                )
             return float(self._times[raw.index])
         if self._given_rate is not None:
             return raw.index / self._given_rate
@@ -276,3 +279,8 @@ class Frames(Iterator[Frame]):
         size = "size unknown" if self.size is None else f"{self.size[0]} x {self.size[1]}"
         count = "" if self.count is None else f", {self.count} frames"
         return f"<Frames of {self.source}: {size}{count}, timestamps from {self.timestamps}>"
+
+
+def _not_one_each(times: int, frames: int, source: str) -> OptionError:
+    """Make the error that there are not as many times as frames."""
+    return OptionError(f"times: got {times} times for the {frames} frames of {source}, expected one for each")

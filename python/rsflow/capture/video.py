@@ -230,7 +230,10 @@ class VideoReader(OfProcess):
         """Make the error for a stream that changes the size of its pictures: OpenCV gives the old size for ever."""
         packets, change = self._packets, None if self._packets is None else self._packets.change
         if packets is None or change is None:
-            return ShapeError(f"{self.source}: the size changes within the stream")
+            return ShapeError(
+                f"{self.source}: got a picture of another size, expected that of those before: the size "
+                "changes within the stream"
+            )
         index, t_s = packets.place(t_s)
         return ShapeError(
             f"{self.source}: frame {index}{f' at {t_s:.3f} s' if t_s == t_s else ''}: got {change.after[0]} x "

@@ -43,7 +43,8 @@ def run(args: argparse.Namespace) -> int:
         from rsflow.camera import Camera
 
         if target.suffix.lower() not in _CAMERA_SUFFIXES and args.camera_format is None:
-            raise OptionError(f"{source} is a camera file: expected {', '.join(_CAMERA_SUFFIXES)}, got {target.name!r}")
+            known = ", ".join(_CAMERA_SUFFIXES)
+            raise OptionError(f"{target}: got another format, expected {known}, since {source} is a camera file")
         Camera.load(source, camera=args.camera).save(target, format=args.camera_format)
         return 0
     uv = read_flow(source)
@@ -60,7 +61,8 @@ def run(args: argparse.Namespace) -> int:
         t0_s, t1_s = read_flow_times(source) or (None, None)
         write_flow(target, uv, t0_s=t0_s, t1_s=t1_s)
     else:
+        known = ", ".join(FLOW_SUFFIXES)
         raise OptionError(
-            f"{source} is a flow file: expected {', '.join(FLOW_SUFFIXES)}, .jpg or .svg, got {target.name!r}"
+            f"{target}: got another format, expected {known}, .jpg or .svg, since {source} is a flow file"
         )
     return 0

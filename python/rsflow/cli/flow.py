@@ -87,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command: 0 done."""
     if args.picture and args.style != "arrows" and Path(args.picture).suffix.lower() == ".svg":
-        raise OptionError("an .svg has arrows: --style arrows")
+        raise OptionError(f"--style: got {args.style}, expected arrows: an .svg has arrows")
     if args.next is None:
         return _sequence(args)
     return _pair(args)
@@ -114,7 +114,7 @@ def _pair(args: argparse.Namespace) -> int:
 
     for name in ("start", "stop", "stride", "rate", "format"):
         if getattr(args, name) is not None:
-            raise OptionError(f"--{name} is for a source, got two pictures")
+            raise OptionError(f"--{name}: got one for two pictures, expected a source, which it is for")
     # What cannot be written is told before it is measured.
     if args.output:
         expect_flow_name(Path(args.output))
@@ -170,7 +170,9 @@ def _sequence(args: argparse.Namespace) -> int:
     if args.output:
         folder = Path(args.output)
         if folder.suffix.lower() in FLOW_SUFFIXES and not folder.is_dir():
-            raise OptionError(f"-o {folder}: a source has a flow for each pair, expected a folder; --format says which")
+            raise OptionError(
+                f"-o: got {folder}, expected a folder, since a source has a flow for each pair; --format says which"
+            )
     count = 0
     written: list[Path] = []
     taken = [0]

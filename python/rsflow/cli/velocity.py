@@ -151,8 +151,8 @@ def _expect_a_height(heights: Heights, rows: list[dict[str, Any]], path: str) ->
     if not any(math.isfinite(row["height_m"]) for row in rows):
         first, last = rows[0], rows[-1]
         raise OptionError(
-            f"--height-csv: {path} has {heights.span}, the frames from {first['frame']} to {last['frame']} are at "
-            f"times from {first['t_s']:g} to {last['t_s']:g} s: none has a height"
+            f"--height-csv: got {path} with {heights.span}, expected heights of the frames from {first['frame']} to "
+            f"{last['frame']}, at times from {first['t_s']:g} to {last['t_s']:g} s: none has a height"
         )
 
 

@@ -49,8 +49,8 @@ def fitting_camera(camera: Any, stream: Any, roi: tuple[int, int, int, int] | No
         width, height = size
         if not _resized(camera.size, (width, height)):
             raise OptionError(
-                f"camera: it is calibrated at {camera.width} x {camera.height} pixels, but {stream.source} has "
-                f"{width} x {height}, another shape: it cannot be this camera's uncropped picture; where it is "
+                f"camera: got one that is calibrated at {camera.width} x {camera.height} pixels, expected the shape of "
+                f"{stream.source}, {width} x {height}, which cannot be this camera's uncropped picture; where it is "
                 "cropped, crop the camera (Camera.cropped) and save it"
             )
         note = f"The camera, calibrated at {camera.width} x {camera.height} pixels, was scaled to {width} x {height}."
@@ -127,4 +127,7 @@ class HeightOf:
 
     def _error(self, frames: str) -> OptionError:
         assert self._heights is not None
-        return OptionError(f"height_m: {self._path} has {self._heights.span}, {frames}: no frame has a height")
+        return OptionError(
+            f"height_m: got {self._path} with {self._heights.span}, expected heights of the frames, but {frames}: no "
+            "frame has a height"
+        )

@@ -30,7 +30,10 @@ def saved_run(claim: Claim, *, overwrite: bool) -> Saved | None:
         If there are only damaged ones.
     """
     if claim.identity.source is None:
-        raise OptionError("resume: a camera, a stream or an iterable does not show the same again: begin anew")
+        raise OptionError(
+            "resume: got True, expected False: a camera, a stream or an iterable does not show the same again: begin "
+            "anew"
+        )
     best: Saved | None = None
     trouble: FormatError | OptionError | None = None
     for folder in unfinished(claim.folder):
@@ -42,7 +45,9 @@ def saved_run(claim: Claim, *, overwrite: bool) -> Saved | None:
             trouble = trouble or error
             continue
         if reason:
-            trouble = trouble or OptionError(f"resume: {folder} is {reason}; begin anew with --overwrite")
+            trouble = trouble or OptionError(
+                f"resume: got {folder}, {reason}, expected the same run; begin anew with --overwrite"
+            )
         elif best is None or saved.frame > best.frame:
             best = saved
     if best is None and trouble is not None and not overwrite:

@@ -141,8 +141,8 @@ def _write_kitti(path: Path, uv: NDArray[np.float32], _: dict[str, float]) -> No
     if outside.any():
         y, x = (int(n) for n in np.argwhere(outside)[0])
         raise OptionError(
-            f"a KITTI .png holds displacements from -512 to {_KITTI_HIGHEST:.2f} px, got ({uv[y, x, 0]:g}, "
-            f"{uv[y, x, 1]:g}) at x={x}, y={y} and {int(outside.sum())} such pixels; .flo holds any"
+            f"field: got ({uv[y, x, 0]:g}, {uv[y, x, 1]:g}) at x={x}, y={y} and {int(outside.sum())} such pixels, "
+            f"expected displacements from -512 to {_KITTI_HIGHEST:.2f} px in a KITTI .png; .flo holds any"
         )
     picture = np.zeros((*uv.shape[:2], 3), np.uint16)
     picture[known, 0] = 1
@@ -168,7 +168,7 @@ def _array(path: Path, file: BinaryIO, size: int, what: str, packed: int, limit:
     except _HEADER_ERRORS as error:
         raise FormatError(f"{path}: {what} is not a numpy array: {' '.join(str(error).split())}") from None
     if dtype.kind not in "biuf":
-        raise FormatError(f"{path}: {what} must be of real numbers, got dtype {dtype}")
+        raise FormatError(f"{path}: {what}: got dtype {dtype}, expected real numbers")
     if any(length < 0 for length in shape):
         raise FormatError(f"{path}: the header of {what} says {shape}, expected sizes of at least 0")
     length = math.prod(shape) * dtype.itemsize
@@ -206,7 +206,7 @@ def _exactly(file: BinaryIO, length: int) -> bytearray:
 
 def _as_flow(path: Path, array: NDArray[Any], what: str) -> NDArray[np.float32]:
     if array.ndim != 3 or array.shape[2] != 2 or array.size == 0 or array.dtype.kind == "b":
-        raise FormatError(f"{path}: {what} must be (height, width, 2) numbers, got {array.shape} {array.dtype}")
+        raise FormatError(f"{path}: {what}: got {array.shape} {array.dtype}, expected (height, width, 2) numbers")
     with np.errstate(over="ignore", invalid="ignore"):
         # In place where it can be: a copy of what was just read would double the memory.
         return np.require(array, np.float32, ["C", "W"])
@@ -256,7 +256,7 @@ def _read_npz(path: Path, file: BinaryIO, _: int, limit: int) -> NDArray[np.floa
         if "valid.npy" in archive.namelist():
             valid = _member(path, archive, "valid", limit)
             if valid.shape != uv.shape[:2]:
-                raise FormatError(f"{path}: valid must be {uv.shape[:2]} as flow is, got {valid.shape}")
+                raise FormatError(f"{path}: valid: got {valid.shape}, expected {uv.shape[:2]} as flow is")
             uv[valid == 0] = np.nan
     return uv
 
@@ -290,7 +290,9 @@ def _read_pfm(path: Path, file: BinaryIO, size: int, limit: int) -> NDArray[np.f
         if not math.isfinite(scale) or scale == 0:
             raise ValueError
     except ValueError:
-        raise FormatError(f"{path}: a .pfm header must be 'PF', 'width height' and a scale that is not 0") from None
+        raise FormatError(
+            f"{path}: got another header, expected that of a .pfm: 'PF', 'width height' and a scale that is not 0"
+        ) from None
     _expect_length(path, file.tell(), width, height, 12, size, limit)
     # The sign of the scale is the order of bytes; its size is a unit of light and has no meaning for flow.
     data = np.frombuffer(file.read(), "<f4" if scale < 0 else ">f4").reshape(height, width, 3)

@@ -182,7 +182,7 @@ def doubtful_step(seconds: NDArray[np.float64]) -> tuple[bool, str] | None:
     at, step, usual = int(np.argmax(steps)), float(steps.max()), float(np.median(steps))
     where = f"{step:.6g} s from one to the next, after number {at}"
     if step > _LONGEST_STEP_S:
-        return True, f"got {where}, which are not seconds (nanoseconds?)"
+        return True, f"got {where}, which are not seconds (nanoseconds?), expected times in seconds"
     if steps.min() < _SHORTEST_STEP_S:
         at = int(np.argmin(steps))
         return True, f"got {steps[at]:.6g} s from one to the next, after number {at}, expected times in seconds"

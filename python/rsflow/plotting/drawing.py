@@ -120,6 +120,7 @@ def save_picture(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> No
     path = expect_picture_name(path)
     done, data = cv2.imencode(path.suffix.lower(), picture)
     if not done:
-        raise OptionError(f"OpenCV could not encode {picture.shape[1]} x {picture.shape[0]} pixels as {path.suffix}")
+        size = f"{picture.shape[1]} x {picture.shape[0]}"
+        raise OptionError(f"{path}: got {size} pixels, expected a size that OpenCV can encode as {path.suffix}")
     with writing(path) as partial:
         partial.write_bytes(data.tobytes())

@@ -52,8 +52,9 @@ def track_points(
         Levels of the pyramid, the frame itself included. By default they follow from the frame's size and from
         `max_displacement`.
     max_displacement : float, optional
-        The longest displacement to look for, a length in pixels: longer ones are not valid. By default any. Where
-        texture repeats and fills the picture, one below half of its period says which of several displacements it was.
+        The longest displacement to look for, a length in pixels: longer ones are not sought, and none is valid. By
+        default any. Where texture repeats and fills the picture, one below half of its period says which of several
+        displacements it was.
     max_iterations : int, optional
         Steps on one level after which a point counts as not converged.
     epsilon : float, optional
