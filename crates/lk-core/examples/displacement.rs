@@ -5,11 +5,11 @@
 use std::error::Error;
 use std::path::Path;
 
+use lk_core::ndarray::Array2;
 use lk_core::{
     CornerOptions, DenseHints, DenseOptions, Masks, ShiftOptions, TrackOptions, dense_flow,
     detect_corners, estimate_shift, track_points,
 };
-use ndarray::Array2;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut paths = std::env::args().skip(1);
@@ -45,8 +45,8 @@ fn measure(prev: &Array2<u8>, next: &Array2<u8>) -> Result<(), Box<dyn Error>> {
     writeln!(out, "points: {tracked} of {} tracked", points.len())?;
 
     let flow = dense_flow(prev, next, DenseHints::default(), &DenseOptions::default())?;
-    let middle = 2 * (flow.height() / 2 * flow.width() + flow.width() / 2);
-    let (u, v) = (flow.uv()[middle], flow.uv()[middle + 1]);
+    let (uv, x, y) = (flow.uv_view(), flow.width() / 2, flow.height() / 2);
+    let (u, v) = (uv[(y, x, 0)], uv[(y, x, 1)]);
     writeln!(out, "the pixel in the middle: ({u:+.3}, {v:+.3}) px")?;
     Ok(())
 }

@@ -10,6 +10,7 @@ pub(super) const NEIGHBOURS: usize = 3;
 /// Cells that neighbours are sought in, on each side.
 const RINGS: usize = 4;
 
+/// The index of no point: the end of a chain.
 const NONE: u32 = u32::MAX;
 
 /// Some of the points, about one a cell; memory is kept.

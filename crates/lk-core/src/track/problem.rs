@@ -103,7 +103,7 @@ impl Problem<'_> {
     )]
     pub(super) fn build(
         &self,
-        way: Direction<'_>,
+        direction: Direction<'_>,
         level: usize,
         centre: [f32; 2],
         window: Window,
@@ -115,7 +115,7 @@ impl Problem<'_> {
             self.level,
             BuildTemplate {
                 template: &mut workspace.template,
-                prev: &way.from[level],
+                prev: &direction.from[level],
                 centre,
                 window,
                 sampling,
@@ -123,7 +123,9 @@ impl Problem<'_> {
                 scratch: &mut workspace.scratch,
             },
         );
-        workspace.template.belongs_to(&way.from_support[level]);
+        workspace
+            .template
+            .belongs_to(&direction.from_support[level]);
         centre
     }
 
@@ -131,7 +133,7 @@ impl Problem<'_> {
     #[allow(clippy::too_many_arguments, reason = "a level, a place, what to sum")]
     pub(super) fn compare(
         &self,
-        way: Direction<'_>,
+        direction: Direction<'_>,
         level: usize,
         centre: [f32; 2],
         displacement: [f64; 2],
@@ -139,7 +141,7 @@ impl Problem<'_> {
         normal: &mut Normal,
         workspace: &mut Workspace,
     ) -> Result<Sums, PointStatus> {
-        let to = &way.to[level];
+        let to = &direction.to[level];
         let at = [
             (f64::from(centre[0]) + displacement[0]) as f32,
             (f64::from(centre[1]) + displacement[1]) as f32,
@@ -153,7 +155,7 @@ impl Problem<'_> {
         if !near {
             return Err(PointStatus::OutOfFrame);
         }
-        match template.meets(&way.to_support[level], at) {
+        match template.meets(&direction.to_support[level], at) {
             Place::Same => {}
             Place::Other => {
                 dispatch(self.level, SumAgain(template));
@@ -162,7 +164,7 @@ impl Problem<'_> {
             Place::Bare if !inside(to, at) => return Err(PointStatus::OutOfFrame),
             Place::Bare => {
                 let [x, y] = at.map(|coordinate| coordinate.round() as isize);
-                let stands = way.to_support[level].has_all((x, y), 1, 1);
+                let stands = direction.to_support[level].has_all((x, y), 1, 1);
                 return Err(if self.masked && !stands {
                     PointStatus::Masked
                 } else {

@@ -79,10 +79,10 @@ impl Problem<'_> {
         workspace: &mut Workspace,
     ) -> TrackedPoint {
         let top = top.clamp(1, RETRY_LEVEL).min(self.prev.len() - 1);
-        let way = self.forward();
+        let direction = self.forward();
         let mut best: Option<Descent> = None;
         for guess in candidates {
-            let descent = self.descend::<true>(way, point, *guess, top, workspace);
+            let descent = self.descend::<true>(direction, point, *guess, top, workspace);
             if best.is_none_or(|best| descent.unexplained < best.unexplained) {
                 best = Some(descent);
             }
@@ -143,7 +143,7 @@ impl Problem<'_> {
     /// that it leaves unexplained on the last of them.
     fn descend<const RANK: bool>(
         &self,
-        way: Direction<'_>,
+        direction: Direction<'_>,
         point: [f32; 2],
         guess: [f64; 2],
         top: usize,
@@ -159,7 +159,9 @@ impl Problem<'_> {
             let guess = displacement.map(|component| component * scale);
             let centre = point.map(|coordinate| coordinate * scale as f32);
             unexplained = f64::INFINITY;
-            if let Some((found, left)) = self.coarse::<RANK>(way, level, centre, guess, workspace) {
+            if let Some((found, left)) =
+                self.coarse::<RANK>(direction, level, centre, guess, workspace)
+            {
                 displacement = found.map(|component| component / scale);
                 unexplained = left;
             }
@@ -174,7 +176,7 @@ impl Problem<'_> {
     /// A rough displacement on a coarse level, if the window has one to offer, and what it leaves unexplained.
     fn coarse<const RANK: bool>(
         &self,
-        way: Direction<'_>,
+        direction: Direction<'_>,
         level: usize,
         centre: [f32; 2],
         guess: [f64; 2],
@@ -183,7 +185,7 @@ impl Problem<'_> {
         let window = coarse_window(self.options.window);
         let light = Light::of(self.options.illumination);
         let centre = self.build(
-            way,
+            direction,
             level,
             centre,
             window,
@@ -199,7 +201,7 @@ impl Problem<'_> {
         for iteration in 1..=iterations {
             let sums = self
                 .compare(
-                    way,
+                    direction,
                     level,
                     centre,
                     displacement,
@@ -241,20 +243,36 @@ impl Problem<'_> {
         tolerance: f64,
         workspace: &mut Workspace,
     ) -> Option<f64> {
-        let way = self.backward();
+        let direction = self.backward();
         let start = guess.map(|component| -component);
         let top = top.min(RETURN_LEVEL);
         let mut displacement = self
-            .descend::<false>(way, position, start, top, workspace)
+            .descend::<false>(direction, position, start, top, workspace)
             .displacement;
         let window = self.options.window.with_rim();
         let light = Light::of(self.options.illumination).with_tilt();
-        let centre = self.build(way, 0, position, window, Sampling::Linear, light, workspace);
+        let centre = self.build(
+            direction,
+            0,
+            position,
+            window,
+            Sampling::Linear,
+            light,
+            workspace,
+        );
         let mut normal = Normal::new(&workspace.template, light)?;
         let mut last = f64::INFINITY;
         for _ in 0..self.options.max_iterations {
             let sums = self
-                .compare(way, 0, centre, displacement, false, &mut normal, workspace)
+                .compare(
+                    direction,
+                    0,
+                    centre,
+                    displacement,
+                    false,
+                    &mut normal,
+                    workspace,
+                )
                 .ok()?;
             let step = normal.step(&sums);
             let size = length(step.delta);
@@ -273,7 +291,7 @@ impl Problem<'_> {
     /// The displacement on the finest level, to `tolerance` pixels.
     fn fine(
         &self,
-        way: Direction<'_>,
+        direction: Direction<'_>,
         centre: [f32; 2],
         guess: [f64; 2],
         tolerance: f64,
@@ -281,7 +299,15 @@ impl Problem<'_> {
     ) -> Result<FinalStep, PointStatus> {
         let window = self.options.window.with_rim();
         let light = Light::of(self.options.illumination).with_tilt();
-        self.build(way, 0, centre, window, Sampling::Spline, light, workspace);
+        self.build(
+            direction,
+            0,
+            centre,
+            window,
+            Sampling::Spline,
+            light,
+            workspace,
+        );
         let template = &workspace.template;
         if !template.sums.products.iter().all(|sum| sum.is_finite()) {
             return Err(PointStatus::NotFinite);
@@ -297,7 +323,15 @@ impl Problem<'_> {
         let mut displacement = guess;
         let mut last = f64::INFINITY;
         for _ in 0..self.options.max_iterations {
-            let sums = self.compare(way, 0, centre, displacement, true, &mut normal, workspace)?;
+            let sums = self.compare(
+                direction,
+                0,
+                centre,
+                displacement,
+                true,
+                &mut normal,
+                workspace,
+            )?;
             if !sums.squared.is_finite() {
                 return Err(PointStatus::NotFinite);
             }

@@ -214,21 +214,21 @@ impl Problem<'_> {
     /// The warp after the coarse levels, and the share of the window's variance that it leaves on the last of them.
     fn lead(
         &self,
-        way: Direction<'_>,
+        direction: Direction<'_>,
         point: [f32; 2],
         start: Start,
         aligner: &mut Aligner,
     ) -> (Warp, f64) {
         let mut warp = start.warp;
         let mut unexplained = f64::INFINITY;
-        for level in (1..=start.level.min(way.from.len() - 1)).rev() {
+        for level in (1..=start.level.min(direction.from.len() - 1)).rev() {
             let factor = f64::from(1u32 << level);
             unexplained = f64::INFINITY;
             let input = Input {
-                from: &way.from[level],
-                to: &way.to[level],
-                from_support: &way.from_support[level],
-                to_support: &way.to_support[level],
+                from: &direction.from[level],
+                to: &direction.to[level],
+                from_support: &direction.from_support[level],
+                to_support: &direction.to_support[level],
                 filter: Filter::Linear,
                 centre: point.map(|coordinate| f64::from(coordinate) / factor),
                 start: warp.scaled(1.0 / factor),
@@ -250,17 +250,17 @@ impl Problem<'_> {
     /// The warp on the finest level.
     fn finish(
         &self,
-        way: Direction<'_>,
+        direction: Direction<'_>,
         point: [f32; 2],
         start: Warp,
         (filter, tolerance, most_left): (Filter, f64, f64),
         aligner: &mut Aligner,
     ) -> Option<Output> {
         aligner.align(&Input {
-            from: &way.from[0],
-            to: &way.to[0],
-            from_support: &way.from_support[0],
-            to_support: &way.to_support[0],
+            from: &direction.from[0],
+            to: &direction.to[0],
+            from_support: &direction.from_support[0],
+            to_support: &direction.to_support[0],
             filter,
             centre: point.map(f64::from),
             start,

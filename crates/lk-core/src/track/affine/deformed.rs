@@ -23,6 +23,7 @@ pub(super) const FITTED: usize = 6;
 /// Points that one thread takes at least.
 const MIN_POINTS: usize = 2;
 
+/// The index of no point.
 pub(super) const NONE: u32 = u32::MAX;
 
 /// What is known of one point.

@@ -90,10 +90,10 @@ impl Problem<'_> {
             (there, point, found),
             (back, target, found.map(|part| -part)),
         ];
-        let own = sides.map(|(way, at, shift)| {
+        let own = sides.map(|(direction, at, shift)| {
             self.differences(
-                (way.from, way.from_support),
-                (way.to, way.to_support),
+                (direction.from, direction.from_support),
+                (direction.to, direction.to_support),
                 level,
                 at,
                 shift,
@@ -101,12 +101,12 @@ impl Problem<'_> {
         });
         for (index, lag) in lags.enumerate() {
             let others = [0, 1].map(|side: usize| {
-                let (way, at, shift) = sides[side];
+                let (direction, at, shift) = sides[side];
                 let lag = lag.map(|part| if side == 0 { part } else { -part });
                 let by = [shift[0] + lag[0], shift[1] + lag[1]];
                 self.differences(
-                    (way.from, way.from_support),
-                    (way.to, way.to_support),
+                    (direction.from, direction.from_support),
+                    (direction.to, direction.to_support),
                     level,
                     at,
                     by,
@@ -129,9 +129,9 @@ impl Problem<'_> {
             }
             let mut votes = [[[0u32; 3]; RINGS as usize + 1]; 2];
             for side in 0..2 {
-                let (way, at, _) = sides[side];
+                let (direction, at, _) = sides[side];
                 let repeats = [1.0, -1.0].map(|share| {
-                    let from = (way.from, way.from_support);
+                    let from = (direction.from, direction.from_support);
                     self.differences(from, from, level, at, lag.map(|part| share * part))
                 });
                 count(&own[side], &others[side], &repeats, &mut votes);
