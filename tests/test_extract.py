@@ -259,7 +259,7 @@ def test_wrong_options_leave_nothing(flight, tmp_path, options, error, words):
 
 def test_a_camera_of_another_shape_is_refused(flight, tmp_path):
     square = rsflow.Camera(100.0, 100.0, 49.5, 49.5, width=100, height=100)
-    with pytest.raises(OptionError, match=r"100 x 100 pixels, but .* has 176 x 144"):
+    with pytest.raises(OptionError, match=r"100 x 100 pixels, expected the shape of .*, 176 x 144"):
         rsflow.extract(list(flight.images[:3]), tmp_path / "out", frame_rate=30, camera=square, height_m=0.2)
     assert not (tmp_path / "out").exists()
 

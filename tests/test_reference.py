@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
+import inspect
 import re
 from pathlib import Path
 
@@ -38,3 +40,26 @@ def test_a_class_is_described_with_all_of_its_methods():
     methods = {name.rpartition(".")[0] for name in public if isinstance(public.get(name.rpartition(".")[0]), type)}
     assert len(methods) > 20
     assert sorted(name for name in methods if not re.search(r":members:\s*$", page[id(public[name])], re.M)) == []
+
+
+# OpenCV's own arguments, of which some are not looked at; and what matplotlib's axes are told by, an overload.
+OTHERS_TYPES = {"rsflow.FlowField.plot", *(name for name in public_calls.public() if ".opencv." in name)}
+
+
+def test_what_is_public_has_a_type():
+    """No argument, attribute or result is of any type at all."""
+    untyped = []
+    for name, value in public_calls.public().items():
+        if dataclasses.is_dataclass(value):
+            untyped += [f"{name}.{item.name}" for item in dataclasses.fields(value) if item.type == "Any"]
+        if name in OTHERS_TYPES or isinstance(value, property) or name == "rsflow.Frames":
+            continue
+        try:
+            signature = inspect.signature(value)
+        except ValueError:
+            continue
+        named = [item for item in signature.parameters.values() if item.kind is not item.VAR_KEYWORD]
+        untyped += [f"{name}({item.name})" for item in named if item.annotation == "Any"]
+        if signature.return_annotation == "Any":
+            untyped.append(f"{name} ->")
+    assert untyped == []

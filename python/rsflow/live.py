@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ._checks.knobs import Illumination
     from .camera.model import Camera
-    from .capture.stream import Frames
+    from .capture.stream import Frames, FrameSource
 
 __all__ = ["LiveReading", "readings"]
 
@@ -103,7 +103,7 @@ class LiveReading:
 
 
 def readings(
-    source: Any = 0,
+    source: FrameSource = 0,
     *,
     camera: Camera | str | os.PathLike[str] | None = None,
     height_m: float | None = None,

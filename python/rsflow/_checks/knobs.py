@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, get_args
+from typing import Literal, TypedDict, get_args
 
 import numpy as np
 
@@ -13,6 +13,19 @@ Illumination = Literal["none", "offset", "gain_offset"]
 Deformation = Literal["auto", "none", "affine"]
 ShiftDeformation = Literal["none", "affine"]
 Preset = Literal["ultrafast", "fast", "balanced", "accurate"]
+
+
+class TrackOptions(TypedDict):
+    """The options of tracking as lk-core's binding takes them."""
+
+    window_size: tuple[int, int]
+    levels: int | None
+    max_displacement: float | None
+    max_iterations: int
+    epsilon: float
+    illumination: Illumination
+    deformation: Deformation
+    max_forward_backward: float | None
 
 
 def illumination(value: object) -> Illumination:
@@ -71,7 +84,7 @@ def tracking(
     epsilon: object,
     max_forward_backward: object,
     **shared: object,
-) -> dict[str, Any]:
+) -> TrackOptions:
     """Take the options of tracking as lk-core's binding wants them; their ranges are checked by lk-core."""
     return {
         "window_size": _window_size(window_size),

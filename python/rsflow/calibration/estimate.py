@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from .. import _checks
 from ..camera.distortion import NAMES
 from ..camera.model import Camera, CameraModel
 from ..capture.opening import frames
-from ..capture.stream import Frames
+from ..capture.stream import Frames, FrameSource
 from ..errors import CalibrationError, DTypeError, OptionError, ShapeError
 from . import solve
 from .board import Board, Pattern
@@ -35,7 +34,7 @@ _USUAL = {"pinhole": 5, "fisheye": 4}
 
 
 def calibrate(
-    images: Any,
+    images: FrameSource,
     *,
     board: tuple[int, int],
     square_size_m: float,
@@ -162,7 +161,7 @@ def calibrate(
     return _calibrated(search, target, model, count, square_pixels)
 
 
-def _opened(images: Any) -> Frames:
+def _opened(images: FrameSource) -> Frames:
     """Open the pictures; an argument's name in an error is the caller's."""
     try:
         return frames(images)

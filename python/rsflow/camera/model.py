@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _checks, _display
 from ..errors import OptionError
@@ -100,7 +100,7 @@ class Camera(Intrinsics):
             return math.nan
         return float(math.atan2(np.linalg.norm(np.cross(rays[0], rays[1])), float(rays[0] @ rays[1])))
 
-    def undistort_points(self, points: Any, *, normalized: bool = False) -> NDArray[np.floating[Any]]:
+    def undistort_points(self, points: ArrayLike, *, normalized: bool = False) -> NDArray[np.floating[Any]]:
         """Remove the lens distortion from points of the picture.
 
         Parameters
@@ -139,7 +139,7 @@ class Camera(Intrinsics):
             xy = xy * (self.fx, self.fy) + (self.cx, self.cy)
         return xy.astype(dtype, copy=False)
 
-    def distort_points(self, points: Any, *, normalized: bool = False) -> NDArray[np.floating[Any]]:
+    def distort_points(self, points: ArrayLike, *, normalized: bool = False) -> NDArray[np.floating[Any]]:
         """Apply the lens distortion: the inverse of `undistort_points`.
 
         Parameters
@@ -296,7 +296,7 @@ class Camera(Intrinsics):
         files.write(self, path, format=format)
 
 
-def _points(points: Any) -> tuple[NDArray[np.float64], np.dtype[Any]]:
+def _points(points: ArrayLike) -> tuple[NDArray[np.float64], np.dtype[Any]]:
     array = _checks.coordinates("points", points)
     dtype = array.dtype if array.dtype == np.float32 else np.dtype(np.float64)
     return array.astype(np.float64), dtype

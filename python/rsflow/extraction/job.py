@@ -28,14 +28,17 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from ..camera.model import Camera
+    from ..capture.stream import FrameSource
+
 __all__ = ["extract"]
 
 
 def extract(
-    source: Any,
+    source: FrameSource,
     out: str | os.PathLike[str],
     *,
-    camera: Any = None,
+    camera: Camera | str | os.PathLike[str] | None = None,
     height_m: float | str | os.PathLike[str] | None = None,
     height_std_m: float | None = None,
     start: int | None = None,

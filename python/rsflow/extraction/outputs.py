@@ -115,7 +115,7 @@ class Outputs:
         self._row("motion", measured.motion)
         for row in measured.objects:
             self._row("objects", row)
-        if self.trajectory is not None and measured.velocity_row is not None:
+        if self.trajectory is not None and measured.velocity is not None and measured.velocity_row is not None:
             self._row("velocity", measured.velocity_row)
             self._row("trajectory", self.trajectory.add(measured.velocity, measured.frame.index))
         if self.views is not None:

@@ -20,7 +20,13 @@ from .settings import ExtractSettings
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ..capture.stream import Frame, Frames
+    from ..flow.field import FlowField
+    from ..plotting import QuiverStyle
+    from ..segmentation.result import MotionSegmentation
     from ..segmentation.segmenter import MotionSegmenter
+    from ..shift import Shift
+    from ..velocity import Velocity, VelocityEstimator
     from .checkpoint import Saved
 
 __all__ = ["Measured", "Pipeline"]
@@ -36,7 +42,7 @@ class Measured:
         With its picture in grey and in colour.
     flow : FlowField or None
         Dense flow since the frame before; None for the first.
-    segmentation : MotionSegmentation or None
+    segmentation : MotionSegmentation
         What moves and what stands still.
     velocity : Velocity or None
         With camera and height only.
@@ -54,10 +60,10 @@ class Measured:
     [(0, 0, True), (1, 1, False), (2, 2, False)]
     """
 
-    frame: Any
-    flow: Any
-    segmentation: Any
-    velocity: Any
+    frame: Frame
+    flow: FlowField | None
+    segmentation: MotionSegmentation
+    velocity: Velocity | None
     motion: dict[str, Any]
     objects: list[dict[str, Any]]
     velocity_row: dict[str, Any] | None
@@ -68,7 +74,7 @@ class Measured:
 class Pipeline:
     """The estimators of one extraction, fed frame by frame in two steps with the probe's decision between."""
 
-    def __init__(self, settings: ExtractSettings, stream: Any, *, whole: bool = True) -> None:
+    def __init__(self, settings: ExtractSettings, stream: Frames, *, whole: bool = True) -> None:
         from ..flow import DenseFlow
 
         self.settings, self.stream = settings, stream
@@ -82,11 +88,11 @@ class Pipeline:
             mask=self.mask,
             next_mask=self.mask,
         )
-        self._prev: Any = None
+        self._prev: NDArray[Any] | None = None
         self._prev_t_s = math.nan
-        self._segmenter: Any = None
-        self._last_segmentation: Any = None
-        self._velocity: Any = None
+        self._segmenter: MotionSegmenter | None = None
+        self._last_segmentation: MotionSegmentation | None = None
+        self._velocity: VelocityEstimator | None = None
         self._height: HeightOf | None = None
         # "auto" is decided by `settle`.
         self.decision = (
@@ -104,7 +110,7 @@ class Pipeline:
             if whole:
                 self._height.expect_some(stream)
 
-    def measure(self, frame: Any) -> tuple[Any, Any]:
+    def measure(self, frame: Frame) -> tuple[Shift | None, FlowField | None]:
         """First step: displacement and dense flow since the frame before, None for the first."""
         from ..shift import estimate_shift
 
@@ -130,15 +136,16 @@ class Pipeline:
         self._fixed.expect_shape(image.shape)
         return self._fixed.filled(image)
 
-    def _open_velocity(self) -> None:
+    def _open_velocity(self) -> VelocityEstimator:
         from ..velocity import VelocityEstimator
 
         camera, note = fitting_camera(self.settings.camera, self.stream, self.settings.roi)
         if note:
             self.notes.append(note)
         self._velocity = VelocityEstimator(camera, height_std_m=self.settings.height_std_m, mask=self.mask)
+        return self._velocity
 
-    def settle(self, pairs: Sequence[tuple[Any, Any]], width: int) -> Any:
+    def settle(self, pairs: Sequence[tuple[Any, FlowField | None]], width: int) -> QuiverStyle:
         """Decide from the first pairs; give the style of the arrows."""
         told = [pair for pair in pairs if pair[1] is not None]
         if self.settings.camera_motion == "auto":
@@ -160,7 +167,7 @@ class Pipeline:
             "unstated": self.unstated,
         }
 
-    def go_on(self, saved: Saved, frame: Any) -> None:
+    def go_on(self, saved: Saved, frame: Frame) -> None:
         """Be as after `frame`, which is measured already, from what was saved then."""
         state = saved.value("pipeline", make={"MotionSegmenter": self._new_segmenter})
         self.decision = CameraDecision(*state["decision"])
@@ -177,11 +184,11 @@ class Pipeline:
         self._dense.update(self._counted(frame.image))
         if self._height is not None:
             self._height.go_on(state["heights"])
-            self._open_velocity()
-            self._velocity.update(frame.image, frame.t_s)
+            self._open_velocity().update(frame.image, frame.t_s)
 
-    def finish(self, frame: Any, shift: Any, flow: Any) -> Measured:
+    def finish(self, frame: Frame, shift: Shift | None, flow: FlowField | None) -> Measured:
         """Second step: moving and static, velocity, and the rows of the tables."""
+        assert self._segmenter is not None, "settle or go_on comes first"
         segmentation = self._segmenter.update(frame.image, flow=flow)
         self._last_segmentation = segmentation
         dt_s = frame.t_s - self._prev_t_s
@@ -208,7 +215,7 @@ class Pipeline:
         """Give the error that no frame had a height, or None."""
         return None if self._height is None else self._height.missed()
 
-    def background(self) -> Any:
+    def background(self) -> NDArray[np.uint8] | None:
         """Give the static scene at the end, None where there is none."""
         if self._last_segmentation is None:
             return None

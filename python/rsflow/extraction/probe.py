@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from ..flow.field import FlowField
+    from ..plotting import QuiverStyle
+    from ..shift import Shift
 
 __all__ = ["PROBE_BYTES", "PROBE_PAIRS", "STILL_PX", "CameraDecision", "arrow_style", "camera_motion"]
 
@@ -30,7 +35,7 @@ class CameraDecision:
     reason: str
 
 
-def _displacement(shift: Any, flow: Any) -> float:
+def _displacement(shift: Shift | None, flow: FlowField | None) -> float:
     """How far a pair moved as a whole, in pixels; NaN where neither estimator can tell."""
     if shift is not None and shift.valid:
         return float(np.hypot(shift.dx, shift.dy))
@@ -39,7 +44,7 @@ def _displacement(shift: Any, flow: Any) -> float:
     return float("nan")
 
 
-def camera_motion(pairs: Sequence[tuple[Any, Any]]) -> CameraDecision:
+def camera_motion(pairs: Sequence[tuple[Shift | None, FlowField | None]]) -> CameraDecision:
     """Decide from (shift, flow) of the first pairs.
 
     A camera rests when three quarters of the pairs moved by less than `STILL_PX` as a whole. Where nothing can be
@@ -58,7 +63,7 @@ def camera_motion(pairs: Sequence[tuple[Any, Any]]) -> CameraDecision:
     )
 
 
-def arrow_style(flows: Sequence[Any], width: int) -> Any:
+def arrow_style(flows: Sequence[FlowField | None], width: int) -> QuiverStyle:
     """Give the `QuiverStyle` of the whole clip, fitted to its first flows."""
     from ..plotting import QuiverStyle
 

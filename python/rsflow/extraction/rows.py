@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._results.status import Status, WordStatus
 from ..capture.masks import share
+
+if TYPE_CHECKING:
+    from ..capture.stream import Frame
+    from ..flow.field import FlowField
+    from ..segmentation.result import MotionSegmentation
+    from ..shift import Shift
 
 __all__ = ["motion_row", "object_rows", "status_word"]
 
@@ -16,17 +23,18 @@ __all__ = ["motion_row", "object_rows", "status_word"]
 _SAMPLES = 30_000
 
 
-def status_word(status: Any) -> str:
+def status_word(status: Status | WordStatus) -> str:
     """Name of a status as the tables have it: ``ok`` or the reason in lower case."""
-    name = str(getattr(status, "name", status)).lower()
-    return "ok" if name in {"ok", "valid"} else name
+    return "ok" if status.valid else status.word
 
 
 def _std(variance: float) -> float:
     return math.sqrt(variance) if variance >= 0 else math.nan
 
 
-def motion_row(frame: Any, dt_s: float, shift: Any, flow: Any, segmentation: Any) -> dict[str, Any]:
+def motion_row(
+    frame: Frame, dt_s: float, shift: Shift | None, flow: FlowField | None, segmentation: MotionSegmentation
+) -> dict[str, Any]:
     """Give the row of ``motion.csv`` for one frame."""
     row: dict[str, Any] = {"frame": frame.index, "t_s": frame.t_s, "dt_s": dt_s}
     if shift is None:
@@ -51,7 +59,7 @@ def _no_shift() -> dict[str, float]:
     return unknown | dict.fromkeys(("dx_std_px", "dy_std_px", "dxdy_cov_px2"), math.inf)
 
 
-def _flow_columns(flow: Any, mask: NDArray[np.bool_] | None) -> dict[str, float]:
+def _flow_columns(flow: FlowField | None, mask: NDArray[np.bool_] | None) -> dict[str, float]:
     names = (
         "flow_mean_x_px",
         "flow_mean_y_px",
@@ -80,7 +88,7 @@ def _quantiles(values: NDArray[np.float32], shares: tuple[float, ...]) -> list[f
     return [float(value) for value in np.partition(values, places)[places]]
 
 
-def _segmentation_columns(segmentation: Any, shape: tuple[int, ...]) -> dict[str, Any]:
+def _segmentation_columns(segmentation: MotionSegmentation, shape: tuple[int, ...]) -> dict[str, Any]:
     names = ("camera_dx_px", "camera_dy_px", "camera_rotation_rad", "camera_scale")
     row: dict[str, Any] = {
         "segmentation_status": status_word(segmentation.status),
@@ -104,7 +112,7 @@ def camera_columns(motion: NDArray[np.float64], shape: tuple[int, ...]) -> tuple
     return px - x, py - y, rotation, math.sqrt(abs(float(np.linalg.det(J))))
 
 
-def object_rows(frame: Any, segmentation: Any) -> list[dict[str, Any]]:
+def object_rows(frame: Frame, segmentation: MotionSegmentation | None) -> list[dict[str, Any]]:
     """Give the rows of ``objects.csv`` for one frame."""
     if segmentation is None:
         return []

@@ -6,7 +6,7 @@ docs/algorithms.md, section "Dense flow: dense_flow".
 from __future__ import annotations
 
 import threading
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,8 @@ from ..errors import ShapeError
 from .field import FlowField
 
 __all__ = ["DenseFlow", "dense_flow"]
+
+_Options: TypeAlias = tuple[Preset, Illumination, float | None, bool]
 
 
 def dense_flow(
@@ -106,9 +108,7 @@ _KEPT_PIXELS = 1 << 21
 _kept = threading.local()
 
 
-def _options(
-    preset: object, illumination: object, max_displacement: object, covariance: object
-) -> tuple[str, str, float | None, bool]:
+def _options(preset: object, illumination: object, max_displacement: object, covariance: object) -> _Options:
     return (
         knobs.preset(preset),
         knobs.illumination(illumination),
@@ -117,7 +117,7 @@ def _options(
     )
 
 
-def _kept_core(wanted: tuple[str, str, float | None, bool], pixels: int) -> _core.DenseFlow:
+def _kept_core(wanted: _Options, pixels: int) -> _core.DenseFlow:
     of_size = pixels if pixels > _KEPT_PIXELS else 0
     key = (wanted, of_size)
     before, _kept.latest = getattr(_kept, "latest", None), key

@@ -17,6 +17,7 @@ from . import export
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from xarray import Dataset
 
 __all__ = ["FlowField"]
 
@@ -252,7 +253,7 @@ class FlowField:
         step = _checks.integer("step", step, least=1, of="pixels")
         return export.table(self.uv, self.valid, self.residual, self.covariance, step)
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self) -> Dataset:
         """Give the flow as a dataset of xarray: labelled arrays over y and x in pixels, with units.
 
         Returns
@@ -279,7 +280,8 @@ class FlowField:
         if self.covariance is not None:
             c = self.covariance
             variables |= {"var_u": c[..., 0, 0], "var_v": c[..., 1, 1], "cov_uv": c[..., 0, 1]}
-        return export.dataset(variables)
+        data: Dataset = export.dataset(variables)
+        return data
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the flow; what is not valid is unknown in the file.

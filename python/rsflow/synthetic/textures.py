@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _checks
 from .._display import fields
@@ -142,7 +142,7 @@ class Texture:
         oversample = _checks.number("oversample", oversample, least=1.0 / period, most=16.0)
         return _make(_kind(kind), _checks.integer("seed", seed, least=0), period, oversample)
 
-    def sample(self, x: Any, y: Any) -> NDArray[np.float64]:
+    def sample(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
         """Values at (x, y), which broadcast; a row of x against a column of y is sampled much faster.
 
         Parameters
