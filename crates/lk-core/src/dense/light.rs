@@ -99,14 +99,32 @@ impl Light {
         weight: Option<&Plane>,
         radius: usize,
     ) -> Result<[f64; 2]> {
-        let (width, height) = (prev.width(), prev.height());
-        self.begin(width, height)?;
+        self.begin(prev.width(), prev.height())?;
         self.integrate(prev, weight, |y, _, difference| {
             let pixels = next.row(y).iter().zip(prev.row(y));
             for (to, (next, prev)) in difference[PAD..].iter_mut().zip(pixels) {
                 *to = next - prev;
             }
         })?;
+        Ok(self.gains(radius))
+    }
+
+    /// The same for the flow of `input`: what motion does to windows is left out.
+    pub(super) fn change_along(
+        &mut self,
+        input: Views<'_>,
+        radius: usize,
+        level: Level,
+    ) -> Result<[f64; 2]> {
+        self.begin(input.prev.width(), input.prev.height())?;
+        self.accumulate(input, level)?;
+        Ok(self.gains(radius))
+    }
+
+    /// The largest logarithm of the gain of a trend over the picture, and the root mean square of what windows of
+    /// `2 radius + 1` pixels say beyond it.
+    fn gains(&self, radius: usize) -> [f64; 2] {
+        let (width, height) = (self.gain.width(), self.gain.height());
         let whole = self.moments(width, (0, 0), (width, height));
         let step = radius.div_ceil(2);
         let trend = self.gain_trend(radius, step, whole).solve();
@@ -129,7 +147,7 @@ impl Light {
                 }
             }
         }
-        Ok([most, if all > 0.0 { (sum / all).sqrt() } else { 0.0 }])
+        [most, if all > 0.0 { (sum / all).sqrt() } else { 0.0 }]
     }
 
     /// Steady light, of a size.
