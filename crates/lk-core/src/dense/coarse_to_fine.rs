@@ -28,6 +28,10 @@ use super::{half_round, median, propagate, refine, step, upsample};
 /// Light is estimated on levels of at most this many pixels along the longer side, and carried over to finer ones.
 const LIGHT_SIZE: usize = 100;
 
+/// In small frames the levels that the measurement starts with end here in steady light: finer ones are measured better, and in
+/// less time, as those of large frames are. Light is still estimated on finer levels.
+const STEADY_FIRST: usize = 2;
+
 /// The finest level whose flow is filled in where windows say little: on finer ones that costs more than it gains.
 const FILLED: usize = 2;
 
@@ -221,13 +225,10 @@ impl CoarseToFine<'_> {
     pub(super) fn run(&mut self, hints: DenseHints<'_>) -> Result<Option<usize>> {
         let coarsest = first_level(self.prev, hints);
         let small = |plane: &Plane| plane.width().max(plane.height()) <= LIGHT_SIZE;
-        let first = self
-            .prev
-            .levels()
-            .iter()
-            .position(small)
-            .unwrap_or(coarsest)
-            .min(coarsest);
+        let levels = self.prev.levels().iter();
+        let of_light = levels.clone().position(small).unwrap_or(coarsest);
+        let of_light = of_light.max(1).min(coarsest);
+        let first = of_light.max(STEADY_FIRST).min(coarsest);
         self.first = first;
         let mut looks = std::mem::take(&mut self.memory.looks);
         looks.take(
@@ -254,10 +255,11 @@ impl CoarseToFine<'_> {
             misfit = self.memory.misfit();
         }
         let lit = if lit {
-            self.relight(first, hints, misfit)?
+            self.relight(of_light, hints, misfit)?
         } else {
             None
         };
+        let first = self.first;
         if let Some(mask) = hints.next_mask {
             self.drop_masked(mask, first)?;
             self.coarse(first, hints, None)?;

@@ -39,15 +39,24 @@ const HOPELESS: f64 = 0.97;
 const SURE: f64 = 0.3;
 
 impl CoarseToFine<'_> {
-    /// Find what the light did, on level `first` and coarser ones, bring all levels of `prev` to it, and measure those
-    /// levels again; `first`, or `None` and nothing has happened where no change of light fits. `before` is the misfit of
-    /// the flow so far.
+    /// Find what the light did, on level `of_light` and coarser ones, bring all levels of `prev` to it, and measure those
+    /// levels again; the level, or `None` and nothing has happened where no change of light fits. `before` is the misfit of
+    /// the flow so far, which may be that of a coarser level; it is measured down to `of_light` then.
     pub(super) fn relight(
         &mut self,
-        first: usize,
+        of_light: usize,
         hints: DenseHints<'_>,
-        before: f64,
+        mut before: f64,
     ) -> Result<Option<usize>> {
+        if !self.found && of_light < self.first {
+            if self.light_differs_along(self.first)?.is_none() {
+                return Ok(None);
+            }
+            self.first = of_light;
+            self.coarse(of_light, hints, None)?;
+            before = self.memory.misfit();
+        }
+        let first = self.first;
         let Some(varied) = self.light_differs_along(first)? else {
             return Ok(None);
         };
