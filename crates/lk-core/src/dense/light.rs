@@ -34,8 +34,8 @@ const PRIOR: f64 = 0.02;
 pub(super) struct Light {
     pub(super) gain: Plane,
     pub(super) offset: Plane,
-    /// Integral images of: weight, p, p p, w, w w, p w.
-    integral: Vec<[f64; 6]>,
+    /// Integral images of: weight, p, p p, w, w w.
+    integral: Vec<[f64; 5]>,
     rows: Vec<f32>,
     /// A row of sums of both frames, which nothing here needs.
     sum: Vec<f32>,
@@ -100,9 +100,9 @@ impl Light {
         radius: usize,
     ) -> Result<[f64; 2]> {
         self.begin(prev.width(), prev.height())?;
-        self.integrate(prev, weight, |y, _, difference| {
+        self.integrate(prev, weight, |y, _, [_, moved]| {
             let pixels = next.row(y).iter().zip(prev.row(y));
-            for (to, (next, prev)) in difference[PAD..].iter_mut().zip(pixels) {
+            for (to, (next, prev)) in moved[PAD..].iter_mut().zip(pixels) {
                 *to = next - prev;
             }
         })?;
@@ -114,7 +114,7 @@ impl Light {
         &mut self,
         input: Views<'_>,
         radius: usize,
-        level: Level,
+        level: SimdLevel,
     ) -> Result<[f64; 2]> {
         self.begin(input.prev.width(), input.prev.height())?;
         self.accumulate(input, level)?;
@@ -160,7 +160,7 @@ impl Light {
     }
 
     /// The trend of the logarithm of the gain, from windows of `2 radius + 1` pixels, one in each `step` rows and columns.
-    fn gain_trend(&self, radius: usize, step: usize, whole: [f64; 6]) -> Trend {
+    fn gain_trend(&self, radius: usize, step: usize, whole: [f64; 5]) -> Trend {
         let mut trend = Trend::default();
         for y in (0..self.gain.height()).step_by(step) {
             for x in (0..self.gain.width()).step_by(step) {
@@ -172,73 +172,80 @@ impl Light {
         trend
     }
 
-    fn around(&self, x: usize, y: usize, radius: usize) -> [f64; 6] {
+    fn around(&self, x: usize, y: usize, radius: usize) -> [f64; 5] {
         let (width, height) = (self.gain.width(), self.gain.height());
         let (top, bottom) = (y.saturating_sub(radius), (y + radius + 1).min(height));
         let (left, right) = (x.saturating_sub(radius), (x + radius + 1).min(width));
         self.moments(width, (left, top), (right, bottom))
     }
 
+    /// Integral images of `prev` and of what it moved to. A sample between pixels has less contrast than they have: `prev` is
+    /// smoothed where it is, by as much as that takes of its contrast.
     fn accumulate(&mut self, input: Views<'_>, level: SimdLevel) -> Result<()> {
-        let mut full = false;
         let mut sum = std::mem::take(&mut self.sum);
-        resize(
-            SUMS,
-            &mut sum,
-            padded_plane::stride(input.prev.width()),
-            0.0,
-        )?;
-        self.integrate(input.prev, input.weight, |y, inside, difference| {
+        let (width, height) = (input.prev.width(), input.prev.height());
+        resize(SUMS, &mut sum, padded_plane::stride(width), 0.0)?;
+        self.integrate(input.prev, input.weight, |y, inside, [own, moved]| {
             let (u, v) = (input.u.padded(y), input.v.padded(y));
-            dispatch(
-                level,
-                WarpRow {
-                    from: 0,
-                    prev: input.prev.row(y),
-                    next: input.next,
-                    y,
-                    u,
-                    v,
-                    sum: &mut sum,
-                    difference,
-                    inside,
-                    full: &mut full,
-                },
-            );
+            let mut full = false;
+            let kernel = WarpRow {
+                from: 0,
+                prev: input.prev.row(y),
+                next: input.next,
+                y,
+                u,
+                v,
+                sum: &mut sum,
+                difference: moved,
+                inside,
+                full: &mut full,
+            };
+            dispatch(level, kernel);
+            let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
+            let [above, here, below] = rows.map(|y| input.prev.row(y));
+            for (x, to) in own[PAD..PAD + width].iter_mut().enumerate() {
+                let [left, right] = [here[x.saturating_sub(1)], here[(x + 1).min(width - 1)]];
+                let twice = 2.0 * here[x];
+                *to = smoothing(u[PAD + x]) * (left + right - twice)
+                    + smoothing(v[PAD + x]) * (above[x] + below[x] - twice);
+            }
         })?;
         self.sum = sum;
         Ok(())
     }
 
-    /// Integral images of `prev`, in the light so far, and of what differs from it (as it came) by rows that `second` writes
-    /// after their weights.
+    /// Integral images of `prev`, in the light so far, and of the second picture. `second` writes the weights of a row, and what
+    /// both are to differ by from the row of `prev`, as it came.
     fn integrate(
         &mut self,
         prev: &Plane,
         weight: Option<&Plane>,
-        mut second: impl FnMut(usize, &mut [f32], &mut [f32]),
+        mut second: impl FnMut(usize, &mut [f32], [&mut [f32]; 2]),
     ) -> Result<()> {
         let (width, height) = (prev.width(), prev.height());
         let stride = padded_plane::stride(width);
         self.integral.clear();
         let count = (width + 1) * (height + 1);
-        resize(SUMS, &mut self.integral, count, [0.0; 6])?;
+        resize(SUMS, &mut self.integral, count, [0.0; 5])?;
         self.rows.clear();
-        resize(SUMS, &mut self.rows, 2 * stride, 1.0)?;
+        resize(SUMS, &mut self.rows, stride, 1.0)?;
+        resize(SUMS, &mut self.rows, 3 * stride, 0.0)?;
         for y in 0..height {
-            let (difference, inside) = self.rows.split_at_mut(stride);
-            second(y, inside, difference);
-            let mut sum = [0.0; 6];
+            let (inside, rest) = self.rows.split_at_mut(stride);
+            let (own, moved) = rest.split_at_mut(stride);
+            second(y, inside, [own, moved]);
+            let mut sum = [0.0; 5];
             for x in 0..width {
                 let mut share = f64::from(inside[PAD + x]);
                 if let Some(plane) = weight {
                     share *= f64::from(plane.row(y)[x]);
                 }
                 if share > 0.0 {
-                    let p = self.gain.row(y)[x] * prev.row(y)[x] + self.offset.row(y)[x];
-                    let w = prev.row(y)[x] + difference[PAD + x];
+                    let prev = prev.row(y)[x];
+                    let p = self.gain.row(y)[x] * (prev + own[PAD + x]) + self.offset.row(y)[x];
+                    let w = prev + moved[PAD + x];
                     let (p, w) = (f64::from(p), f64::from(w));
-                    for (sum, value) in sum.iter_mut().zip([1.0, p, p * p, w, w * w, p * w]) {
+                    for (sum, value) in sum.iter_mut().zip([1.0, p, p * p, w, w * w]) {
                         *sum += share * value;
                     }
                 }
@@ -250,13 +257,13 @@ impl Light {
         Ok(())
     }
 
-    /// Weight, means and variances (p, then w), and the covariance of both, within a rectangle.
+    /// Weight, means and variances (p, then w) within a rectangle.
     fn moments(
         &self,
         width: usize,
         (left, top): (usize, usize),
         (right, bottom): (usize, usize),
-    ) -> [f64; 6] {
+    ) -> [f64; 5] {
         let at = |x: usize, y: usize| self.integral[y * (width + 1) + x];
         let (a, b, c, d) = (
             at(left, top),
@@ -264,9 +271,9 @@ impl Light {
             at(left, bottom),
             at(right, bottom),
         );
-        let [n, p, pp, w, ww, pw] = std::array::from_fn(|k| (d[k] - c[k]) - (b[k] - a[k]));
+        let [n, p, pp, w, ww] = std::array::from_fn(|k| (d[k] - c[k]) - (b[k] - a[k]));
         if n < 1.0 {
-            return [0.0; 6];
+            return [0.0; 5];
         }
         let (p, w) = (p / n, w / n);
         [
@@ -275,7 +282,6 @@ impl Light {
             (pp / n - p * p).max(0.0),
             w,
             (ww / n - w * w).max(0.0),
-            pw / n - p * w,
         ]
     }
 
@@ -376,15 +382,22 @@ impl Kernel for Relight<'_> {
     }
 }
 
+/// The outer taps of the filter of three that takes as much contrast as bilinear samples do that are this far from the pixels:
+/// those have 1 - 2 f (1 - f) (1 - cos w) of the power at frequency w, and the filter has (1 - 2 s (1 - cos w))^2.
+fn smoothing(flow: f32) -> f32 {
+    let fraction = flow - flow.floor();
+    0.5 * fraction * (1.0 - fraction)
+}
+
 /// The logarithm of the gain within a window, and how much that says.
-fn log_gain(window: [f64; 6], whole: [f64; 6]) -> Option<(f64, f64)> {
+fn log_gain(window: [f64; 5], whole: [f64; 5]) -> Option<(f64, f64)> {
     let (from, to) = (window[2] + PRIOR * whole[2], window[4] + PRIOR * whole[4]);
     (from > 0.0 && to > 0.0).then(|| (0.5 * (to / from).ln(), (from * to).sqrt()))
 }
 
-fn model(window: [f64; 6], whole: [f64; 6]) -> (f64, f64) {
-    let [n, p, pp, w, ww, _] = window;
-    let [all, _, whole_pp, _, whole_ww, _] = whole;
+fn model(window: [f64; 5], whole: [f64; 5]) -> (f64, f64) {
+    let [n, p, pp, w, ww] = window;
+    let [all, _, whole_pp, _, whole_ww] = whole;
     if n < 1.0 || all < 1.0 {
         return (1.0, 0.0);
     }

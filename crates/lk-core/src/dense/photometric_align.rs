@@ -16,21 +16,16 @@ use super::windows::Views;
 const LIGHT_RADII: [(usize, usize); 4] = [(3, 8), (2, 8), (5, 12), (3, 6)];
 /// Whether it has changed is looked at closely where the logarithm of the gain exceeds this.
 const SUSPICIOUS: f64 = 0.05;
-/// The same, once windows are compared along the flow, and what they say beyond the trend. Gains of 0.9 have 0.12 at least, lens
-/// shading of 30 % 0.07 and 0.04; steady light mostly less than 0.06 and 0.02.
+/// The same, once windows are compared along the flow, and for what they say beyond the trend. On photographs and drawings a gain
+/// of 0.9 has 0.1, lens shading of 30 % 0.05 and 0.03 at least, and steady light 0.06 and 0.02 at most where the flow is right.
 const DIFFERS: [f64; 2] = [0.06, 0.03];
-/// What windows say beyond the trend where light differs by far from place to place: 0.16 and more in hard shadows, 0.13 at most
-/// under lens shading of 50 %.
-const VARIED: f64 = 0.15;
 /// Light is taken to have changed where that leaves less than this share of the misfit.
 const CHANGED: f64 = 0.9;
 /// Light that leaves more than this share of the misfit may be the motion of thin things: it is held against steady light
 /// on the next finer level.
 const DOUBTFUL: f64 = 0.3;
-/// There it is kept if it leaves less than this share of the misfit of steady light: where light varies from place to place, and
-/// elsewhere.
-const EXPLAINS: f64 = 0.8;
-const EXPLAINS_EVENLY: f64 = 0.68;
+/// There it is kept if it leaves less than this share of the misfit of steady light.
+const EXPLAINS: f64 = 0.9;
 /// Below this share of the frame pixels at its limits are the extremes of any frame, not those of a sensor.
 const FEW_CLIPPED: f32 = 0.001;
 /// No other guess is tried where the first ones leave more than this share of it.
@@ -49,7 +44,7 @@ impl CoarseToFine<'_> {
         mut before: f64,
     ) -> Result<Option<usize>> {
         if !self.found && of_light < self.first {
-            if self.light_differs_along(self.first)?.is_none() {
+            if !self.light_differs_along(self.first)? {
                 return Ok(None);
             }
             self.first = of_light;
@@ -57,9 +52,9 @@ impl CoarseToFine<'_> {
             before = self.memory.misfit();
         }
         let first = self.first;
-        let Some(varied) = self.light_differs_along(first)? else {
+        if !self.light_differs_along(first)? {
             return Ok(None);
-        };
+        }
         let mut least = CHANGED * before;
         let mut lit = None;
         let mut best_short = false;
@@ -109,7 +104,7 @@ impl CoarseToFine<'_> {
             light, best_light, ..
         } = &mut *self.memory;
         std::mem::swap(light, best_light);
-        if lit.is_some() && least > DOUBTFUL * before && !self.light_explains_more(first, varied)? {
+        if lit.is_some() && least > DOUBTFUL * before && !self.light_explains_more(first)? {
             lit = None;
         }
         if lit.is_some() {
@@ -121,9 +116,9 @@ impl CoarseToFine<'_> {
         Ok(lit)
     }
 
-    /// Whether the light differs along the flow so far, by more than an offset, and then whether it does so by far from place to
-    /// place, as a hard shadow makes it. Windows that are compared where they stand differ by what moves in and out of them too.
-    fn light_differs_along(&mut self, first: usize) -> Result<Option<bool>> {
+    /// Whether the light differs along the flow so far, by more than an offset. Windows that are compared where they stand differ
+    /// by what moves in and out of them too.
+    fn light_differs_along(&mut self, first: usize) -> Result<bool> {
         let Memory {
             flow: [u, v],
             light,
@@ -140,14 +135,13 @@ impl CoarseToFine<'_> {
         };
         let simd = self.execution.simd_level();
         let [trend, beyond] = light.change_along(views, LIGHT_RADII[0].1, simd)?;
-        let differs = trend > DIFFERS[0] || beyond > DIFFERS[1];
-        Ok(differs.then_some(beyond > VARIED))
+        Ok(trend > DIFFERS[0] || beyond > DIFFERS[1])
     }
 
     /// Whether the light, with its flow, leaves less misfit on the level below `first` than the flow in steady light does; that
     /// flow is taken if not. On `first` what moves may be too thin to be followed there, and a gain that follows its edges
     /// explains more.
-    fn light_explains_more(&mut self, first: usize, varied: bool) -> Result<bool> {
+    fn light_explains_more(&mut self, first: usize) -> Result<bool> {
         let finest = self.options.recipe.finest;
         if first <= finest {
             return Ok(true);
@@ -173,8 +167,7 @@ impl CoarseToFine<'_> {
         self.prev.levels_mut()[level].copy_of(&self.memory.finer)?;
         self.memory.take_steady()?;
         let steady = self.misfit_of(level)?;
-        let most = if varied { EXPLAINS } else { EXPLAINS_EVENLY };
-        let more = lit < most * steady;
+        let more = lit < EXPLAINS * steady;
         if more {
             self.memory.take_best_flow();
         } else {
