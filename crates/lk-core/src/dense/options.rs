@@ -233,6 +233,12 @@ impl Recipe {
                     match_ratio: 0.85,
                     presmoothing: 0.6,
                     lights: 4,
+                    refine: RefineRecipe {
+                        radius: 1,
+                        smooth_epsilon: 0.015,
+                        edge_scale: 13.0,
+                        ..recipe.refine
+                    },
                     ..recipe
                 }
             }
