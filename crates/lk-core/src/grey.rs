@@ -19,8 +19,10 @@ const PART: usize = 1 << 12;
 pub(crate) struct GreyRange {
     /// The least and the largest; `None` without a finite pixel.
     extremes: Option<[f32; 2]>,
-    /// Whether every pixel is finite.
+    /// Whether every pixel is finite, and counts.
     finite: bool,
+    /// What is beyond counts for nothing; of none but single pixels.
+    limits: Option<[f32; 2]>,
 }
 
 impl GreyRange {
@@ -50,6 +52,7 @@ impl GreyRange {
         Self {
             extremes: None,
             finite: true,
+            limits: None,
         }
     }
 
@@ -74,7 +77,25 @@ impl GreyRange {
 
     /// From what [`GreyRange::parts`] gives.
     pub(crate) fn of_parts(extremes: Option<[f32; 2]>, finite: bool) -> Self {
-        Self { extremes, finite }
+        Self {
+            extremes,
+            finite,
+            limits: None,
+        }
+    }
+
+    /// Of a frame whose pixels beyond `limits` count for nothing.
+    pub(crate) fn within(extremes: [f32; 2], limits: [f32; 2]) -> Self {
+        Self {
+            extremes: Some(extremes),
+            finite: false,
+            limits: Some(limits),
+        }
+    }
+
+    /// Beyond which grey levels pixels count for nothing, if there are such pixels.
+    pub(crate) fn limits(&self) -> Option<[f32; 2]> {
+        self.limits
     }
 
     fn scan<T: Pixel>(&mut self, pixels: ArrayView1<'_, T>) {
@@ -204,6 +225,7 @@ mod tests {
         GreyRange {
             extremes: Some([0.0, range]),
             finite: true,
+            limits: None,
         }
         .scale()
     }
@@ -231,6 +253,7 @@ mod tests {
         let widest = GreyRange {
             extremes: Some([f32::MIN, f32::MAX]),
             finite: true,
+            limits: None,
         };
         assert_eq!(widest.scale(), 2.0f32.powi(7 - 128));
         assert_eq!(GreyRange::default().scale(), 1.0);

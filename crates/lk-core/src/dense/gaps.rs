@@ -29,6 +29,15 @@ pub(super) fn cut(plane: &mut Plane, mask: ArrayView2<'_, bool>) {
     }
 }
 
+/// Leave a gap wherever grey levels are beyond `low` and `high`.
+pub(super) fn cut_beyond(plane: &mut Plane, [low, high]: [f32; 2]) {
+    for value in plane.data_mut() {
+        if !(low..=high).contains(value) {
+            *value = f32::NAN;
+        }
+    }
+}
+
 /// Fill the pixels of `plane` that are no grey levels, and set `counts` to 1 at the others and to 0 at those; to no size where
 /// all are levels.
 pub(super) fn fill(plane: &mut Plane, counts: &mut Plane) -> Result<()> {

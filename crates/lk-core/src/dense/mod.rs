@@ -17,7 +17,8 @@
 //! down ([`sum_down`]) and across ([`moments`]), in strips of columns where the picture is wide ([`tiles`]).
 //!
 //! Damping and thresholds are in grey levels of 0..255: both frames of a pair are multiplied by the power of two that
-//! the range of `prev` asks for ([`GreyRange::scale`]), and what is reported in grey levels is divided by it.
+//! the range of `prev` asks for ([`GreyRange::scale`](crate::grey::GreyRange::scale)), but for pixels that are hot
+//! ([`hot_pixels`]), and what is reported in grey levels is divided by it.
 //!
 //! `docs/algorithms.md`, section "Dense flow: dense_flow".
 
@@ -50,6 +51,7 @@ mod field;
 mod fill;
 mod gaps;
 mod half_round;
+mod hot_pixels;
 mod large_motion;
 mod light;
 mod looks;
@@ -81,7 +83,6 @@ use ndarray::ArrayView2;
 use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, expect_size, pixels_of, scale_by};
-use crate::grey::GreyRange;
 use crate::parallel::{both, within_pool};
 
 pub use field::FlowField;
@@ -89,6 +90,7 @@ pub use options::{DenseHints, DenseOptions, Preset};
 pub use snapshot::DenseSnapshot;
 
 use coarse_to_fine::{CoarseToFine, Memory};
+use hot_pixels::greys_without;
 use source::{Reading, Source};
 use windows::Views;
 
@@ -215,7 +217,7 @@ impl DenseFlow {
             if primed {
                 self.prev.mask_anew(reading(hints.mask), &execution)?;
             }
-            let greys = GreyRange::among(frame, hints.next_mask);
+            let greys = greys_without(frame, hints.next_mask);
             let scale = if primed { &self.prev.greys } else { &greys }.scale();
             self.next
                 .read(frame, (greys, scale), reading(hints.next_mask), &execution)?;
@@ -258,8 +260,8 @@ impl DenseFlow {
             let (mask, next_mask) = (hints.mask, hints.next_mask);
             let greys = both(
                 &execution,
-                || GreyRange::among(prev, mask),
-                || GreyRange::among(next, next_mask),
+                || greys_without(prev, mask),
+                || greys_without(next, next_mask),
             )?;
             let scale = greys.0.scale();
             let Self {

@@ -10,6 +10,7 @@ use crate::presmooth;
 use crate::pyramid::Pyramid;
 
 use super::gaps;
+use super::hot_pixels::greys_without;
 
 /// A frame's pyramid, without what is masked or not finite.
 #[derive(Debug, Default)]
@@ -60,6 +61,9 @@ impl Source {
         if let Some(mask) = mask {
             gaps::cut(finest, mask);
         }
+        if let Some(limits) = greys.limits() {
+            gaps::cut_beyond(finest, limits.map(|limit| limit * scale));
+        }
         gaps::fill(finest, &mut self.counts)?;
         presmooth::smooth(finest, side, execution)?;
         self.pyramid.reduce_again(execution)
@@ -82,7 +86,7 @@ impl Source {
         let raw = std::mem::take(&mut self.raw);
         let view = ArrayView2::from_shape((raw.height(), raw.width()), raw.data())
             .map_err(|error| Error::shape("frame", error.to_string(), "a whole plane"))?;
-        let greys = GreyRange::among(view, reading.mask);
+        let greys = greys_without(view, reading.mask);
         self.read(view, (greys, greys.scale()), reading, execution)?;
         self.raw = raw;
         Ok(())
@@ -96,7 +100,12 @@ impl Source {
             let raw = self.raw.row(y);
             (0..width).all(|x| {
                 let has = counts.is_none_or(|counts| counts[x] > 0.0);
-                has == (gaps::is_level(raw[x] * self.scale) && mask.is_none_or(|mask| mask[(y, x)]))
+                let is_level = gaps::is_level(raw[x] * self.scale)
+                    && self
+                        .greys
+                        .limits()
+                        .is_none_or(|[low, high]| (low..=high).contains(&raw[x]));
+                has == (is_level && mask.is_none_or(|mask| mask[(y, x)]))
             })
         })
     }
