@@ -30,6 +30,8 @@ const EXPLAINS: f64 = 0.9;
 const FEW_CLIPPED: f32 = 0.001;
 /// No other guess is tried where the first ones leave more than this share of it.
 const HOPELESS: f64 = 0.97;
+/// Another guess is taken instead of one that fits if it leaves less than this share of its misfit.
+const OTHER: f64 = 0.95;
 /// No other guess is tried where one leaves less than this share of the misfit.
 const SURE: f64 = 0.3;
 
@@ -81,7 +83,8 @@ impl CoarseToFine<'_> {
                 }
                 let misfit = self.memory.misfit();
                 tried = tried.min(misfit);
-                if misfit < least {
+                let other = if lit.is_some() { OTHER } else { 1.0 };
+                if misfit < other * least {
                     least = misfit;
                     lit = Some(first);
                     best_short = *short;

@@ -263,7 +263,7 @@ fn what_is_small_and_fast_is_found() {
         for (light, next, (least, most)) in [
             ("steady", next.clone(), (0.7, 0.02)),
             // The light around what is lost is not known well.
-            ("gain", next.mapv(|a| 0.75 * a + 10.0), (0.2, 0.15)),
+            ("gain", next.mapv(|a| 0.75 * a + 10.0), (0.5, 0.05)),
         ] {
             for preset in PRESETS {
                 let field = measure(
