@@ -239,7 +239,7 @@ impl CoarseToFine<'_> {
         let (execution, next) = (self.execution, &self.next.levels()[first]);
         let (measured, looked) = both(
             execution,
-            || self.coarse(first, hints, None),
+            || self.coarse(first, hints, false),
             || looks.look(next, hints.initial.is_none(), wants_light),
         )?;
         let (contrast, lit) = (looks.contrast, looks.lit);
@@ -262,7 +262,7 @@ impl CoarseToFine<'_> {
         let first = self.first;
         if let Some(mask) = hints.next_mask {
             self.drop_masked(mask, first)?;
-            self.coarse(first, hints, None)?;
+            self.coarse(first, hints, false)?;
         }
         let finest = self.options.recipe.finest.min(first);
         // Where a flow is given what is lost is not looked for.
@@ -383,14 +383,14 @@ impl CoarseToFine<'_> {
     }
 
     /// Measure the levels from the coarsest one to `first`, or `first` alone where the search has found its flow. With
-    /// `radii`, the light of each is changed before it is measured.
+    /// `relight`, the light of each is changed before it is measured.
     pub(super) fn coarse(
         &mut self,
         first: usize,
         hints: DenseHints<'_>,
-        radii: Option<(usize, usize)>,
+        relight: bool,
     ) -> Result<()> {
-        self.guessing = radii.is_some();
+        self.guessing = relight;
         let start = if self.found {
             let Memory {
                 flow,
@@ -418,8 +418,8 @@ impl CoarseToFine<'_> {
                 self.memory.halved = Some(2.0);
                 self.whole(level)?;
             }
-            if let Some(radii) = radii {
-                self.relight_level(level, radii)?;
+            if relight {
+                self.relight_level(level)?;
             }
             self.level(level, false)?;
             self.whole(level)?;

@@ -47,8 +47,7 @@ impl Light {
     pub(super) fn estimate(
         &mut self,
         input: Views<'_>,
-        small: usize,
-        large: usize,
+        (small, large): (usize, usize),
         level: SimdLevel,
     ) -> Result<()> {
         let (width, height) = (input.prev.width(), input.prev.height());
@@ -203,12 +202,12 @@ impl Light {
             dispatch(level, kernel);
             let rows = [y.saturating_sub(1), y, (y + 1).min(height - 1)];
             let [above, here, below] = rows.map(|y| input.prev.row(y));
-            for (x, to) in own[PAD..PAD + width].iter_mut().enumerate() {
-                let [left, right] = [here[x.saturating_sub(1)], here[(x + 1).min(width - 1)]];
-                let twice = 2.0 * here[x];
-                *to = smoothing(u[PAD + x]) * (left + right - twice)
-                    + smoothing(v[PAD + x]) * (above[x] + below[x] - twice);
-            }
+            let kernel = Smooth {
+                rows: [above, here, below],
+                flow: [u, v].map(|row| &row[PAD..PAD + width]),
+                to: &mut own[PAD..PAD + width],
+            };
+            dispatch(level, kernel);
         })?;
         self.sum = sum;
         Ok(())
@@ -382,10 +381,43 @@ impl Kernel for Relight<'_> {
     }
 }
 
+/// What smoothing adds to a row that takes as much of its contrast as sampling where the flow leads takes of the other
+/// picture's.
+struct Smooth<'a> {
+    /// Above, at and below the row.
+    rows: [&'a [f32]; 3],
+    flow: [&'a [f32]; 2],
+    to: &'a mut [f32],
+}
+
+impl Kernel for Smooth<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let [above, here, below] = self.rows;
+        let [u, v] = self.flow;
+        let last = here.len() - 1;
+        for (x, to) in self.to.iter_mut().enumerate() {
+            *to = smoothing(v[x]) * (above[x] + below[x] - 2.0 * here[x]);
+        }
+        let inner = self.to.iter_mut().zip(u).zip(here).skip(1);
+        let beside = here.iter().zip(here.iter().skip(2));
+        for (((to, u), middle), (left, right)) in inner.zip(beside) {
+            *to += smoothing(*u) * (left + right - 2.0 * middle);
+        }
+        // Beyond the border the picture goes on as it is.
+        self.to[0] += smoothing(u[0]) * (here[1.min(last)] - here[0]);
+        self.to[last] += smoothing(u[last]) * (here[last.saturating_sub(1)] - here[last]);
+    }
+}
+
 /// The outer taps of the filter of three that takes as much contrast as bilinear samples do that are this far from the pixels:
 /// those have 1 - 2 f (1 - f) (1 - cos w) of the power at frequency w, and the filter has (1 - 2 s (1 - cos w))^2.
+#[inline(always)]
 fn smoothing(flow: f32) -> f32 {
-    let fraction = flow - flow.floor();
+    // The same whether f is how far it is from the pixel before or from the one after.
+    let fraction = (flow - flow as i32 as f32).abs();
     0.5 * fraction * (1.0 - fraction)
 }
 

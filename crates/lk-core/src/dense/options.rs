@@ -80,8 +80,6 @@ pub(crate) struct Recipe {
     pub(crate) max_step: f32,
     /// Both frames are smoothed by this much first: the standard deviation in pixels, at most 0.7.
     pub(crate) presmoothing: f32,
-    /// How many guesses of the windows of the light are tried where it has changed, 1 to 4.
-    pub(crate) lights: usize,
     /// How many times smoothness counts where the whole flow is affine.
     pub(crate) affine_gain: f32,
     pub(crate) refine: RefineRecipe,
@@ -136,7 +134,6 @@ impl Recipe {
             damping: 0.3,
             max_step: 0.7,
             presmoothing: 0.7,
-            lights: 1,
             affine_gain: 7.0,
             refine: RefineRecipe::default(),
         };
@@ -209,7 +206,6 @@ impl Recipe {
                     ..coarse
                 },
                 match_ratio: 0.85,
-                lights: 4,
                 ..recipe
             },
             Preset::Accurate => {
@@ -232,7 +228,6 @@ impl Recipe {
                     coarse,
                     match_ratio: 0.85,
                     presmoothing: 0.6,
-                    lights: 4,
                     refine: RefineRecipe {
                         radius: 1,
                         smooth_epsilon: 0.015,

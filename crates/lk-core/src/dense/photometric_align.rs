@@ -11,9 +11,8 @@ use super::options::DenseHints;
 use super::weights;
 use super::windows::Views;
 
-/// Half the windows of its trend over the picture, and of what differs locally, in pixels of those levels. Where light
-/// has changed, all are tried: on coarse levels a wrong guess can lead the flow astray.
-const LIGHT_RADII: [(usize, usize); 4] = [(3, 8), (2, 8), (5, 12), (3, 6)];
+/// Half the windows of its trend over the picture, and of what differs locally, in pixels of those levels.
+const LIGHT_RADII: (usize, usize) = (3, 8);
 /// Whether it has changed is looked at closely where the logarithm of the gain exceeds this.
 const SUSPICIOUS: f64 = 0.05;
 /// The same, once windows are compared along the flow, and for what they say beyond the trend. On photographs and drawings a gain
@@ -28,11 +27,9 @@ const DOUBTFUL: f64 = 0.3;
 const EXPLAINS: f64 = 0.9;
 /// Below this share of the frame pixels at its limits are the extremes of any frame, not those of a sensor.
 const FEW_CLIPPED: f32 = 0.001;
-/// No other guess is tried where the first ones leave more than this share of it.
-const HOPELESS: f64 = 0.97;
-/// Another guess is taken instead of one that fits if it leaves less than this share of its misfit.
+/// The flow from rest is taken instead of one that fits if it leaves less than this share of its misfit.
 const OTHER: f64 = 0.95;
-/// No other guess is tried where one leaves less than this share of the misfit.
+/// It is not tried where the first one leaves less than this share of the misfit.
 const SURE: f64 = 0.3;
 
 impl CoarseToFine<'_> {
@@ -50,7 +47,7 @@ impl CoarseToFine<'_> {
                 return Ok(None);
             }
             self.first = of_light;
-            self.coarse(of_light, hints, None)?;
+            self.coarse(of_light, hints, false)?;
             before = self.memory.misfit();
         }
         let first = self.first;
@@ -60,7 +57,6 @@ impl CoarseToFine<'_> {
         let mut least = CHANGED * before;
         let mut lit = None;
         let mut best_short = false;
-        let mut tried = f64::MAX;
         self.memory.keep_steady()?;
         self.memory.keep_flow();
         let levels = &self.prev.levels()[first..];
@@ -73,32 +69,26 @@ impl CoarseToFine<'_> {
         } else {
             &[false]
         };
-        'guesses: for radii in &LIGHT_RADII[..self.options.recipe.lights] {
-            for short in starts {
-                self.short = *short;
-                self.coarse(first, hints, Some(*radii))?;
-                let levels = &mut self.prev.levels_mut()[first..];
-                for (kept, plane) in self.memory.coarse.iter().zip(levels) {
-                    plane.copy_of(kept)?;
-                }
-                let misfit = self.memory.misfit();
-                tried = tried.min(misfit);
-                let other = if lit.is_some() { OTHER } else { 1.0 };
-                if misfit < other * least {
-                    least = misfit;
-                    lit = Some(first);
-                    best_short = *short;
-                    self.memory.keep_flow();
-                    let Memory {
-                        light, best_light, ..
-                    } = &mut *self.memory;
-                    std::mem::swap(light, best_light);
-                }
-                if least < SURE * before {
-                    break 'guesses;
-                }
+        for short in starts {
+            self.short = *short;
+            self.coarse(first, hints, true)?;
+            let levels = &mut self.prev.levels_mut()[first..];
+            for (kept, plane) in self.memory.coarse.iter().zip(levels) {
+                plane.copy_of(kept)?;
             }
-            if lit.is_none() && tried > HOPELESS * before {
+            let misfit = self.memory.misfit();
+            let other = if lit.is_some() { OTHER } else { 1.0 };
+            if misfit < other * least {
+                least = misfit;
+                lit = Some(first);
+                best_short = *short;
+                self.memory.keep_flow();
+                let Memory {
+                    light, best_light, ..
+                } = &mut *self.memory;
+                std::mem::swap(light, best_light);
+            }
+            if least < SURE * before {
                 break;
             }
         }
@@ -113,7 +103,7 @@ impl CoarseToFine<'_> {
         if lit.is_some() {
             self.short = best_short;
             self.relight_all(first)?;
-            self.coarse(first, hints, None)?;
+            self.coarse(first, hints, false)?;
         }
         self.short = false;
         Ok(lit)
@@ -137,7 +127,7 @@ impl CoarseToFine<'_> {
             weight: self.weighted.then(|| &weights[first]),
         };
         let simd = self.execution.simd_level();
-        let [trend, beyond] = light.change_along(views, LIGHT_RADII[0].1, simd)?;
+        let [trend, beyond] = light.change_along(views, LIGHT_RADII.1, simd)?;
         Ok(trend > DIFFERS[0] || beyond > DIFFERS[1])
     }
 
@@ -231,7 +221,7 @@ impl CoarseToFine<'_> {
     }
 
     /// Give `prev` the light of `next`, as the flow so far sees it.
-    pub(super) fn relight_level(&mut self, level: usize, radii: (usize, usize)) -> Result<()> {
+    pub(super) fn relight_level(&mut self, level: usize) -> Result<()> {
         let Memory {
             flow: [u, v],
             light,
@@ -250,8 +240,7 @@ impl CoarseToFine<'_> {
                 halved: None,
                 weight,
             },
-            radii.0,
-            radii.1,
+            LIGHT_RADII,
             simd,
         )?;
         light.apply(&mut self.prev.levels_mut()[level]);
@@ -266,6 +255,6 @@ pub(super) fn gain_matters(
     next: &Plane,
     weight: Option<&Plane>,
 ) -> Result<bool> {
-    let [trend, beyond] = memory.change(prev, next, weight, LIGHT_RADII[0].1)?;
+    let [trend, beyond] = memory.change(prev, next, weight, LIGHT_RADII.1)?;
     Ok(trend > SUSPICIOUS || beyond > 2.0 * SUSPICIOUS)
 }
