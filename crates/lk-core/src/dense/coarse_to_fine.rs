@@ -31,6 +31,11 @@ const LIGHT_SIZE: usize = 100;
 /// In small frames the levels that the measurement starts with end here in steady light: finer ones are measured better, and in
 /// less time, as those of large frames are. Light is still estimated on finer levels.
 const STEADY_FIRST: usize = 2;
+/// But not on levels whose shorter side is below this, in pixels: their windows would hold most of the level.
+const LEAST_FIRST: usize = 12;
+
+/// Half the windows that judge the flow, at least: smaller ones find texture in noise.
+const JUDGING: usize = 2;
 
 /// The finest level whose flow is filled in where windows say little: on finer ones that costs more than it gains.
 const FILLED: usize = 2;
@@ -225,10 +230,15 @@ impl CoarseToFine<'_> {
     pub(super) fn run(&mut self, hints: DenseHints<'_>) -> Result<Option<usize>> {
         let coarsest = first_level(self.prev, hints);
         let small = |plane: &Plane| plane.width().max(plane.height()) <= LIGHT_SIZE;
-        let levels = self.prev.levels().iter();
-        let of_light = levels.clone().position(small).unwrap_or(coarsest);
-        let of_light = of_light.max(1).min(coarsest);
-        let first = of_light.max(STEADY_FIRST).min(coarsest);
+        let levels = self.prev.levels();
+        let most = levels
+            .iter()
+            .rposition(|plane| plane.width().min(plane.height()) >= LEAST_FIRST)
+            .unwrap_or(0)
+            .min(coarsest);
+        let of_light = levels.iter().position(small).unwrap_or(coarsest);
+        let of_light = of_light.max(1.min(most)).min(coarsest);
+        let first = of_light.max(STEADY_FIRST.min(most)).min(coarsest);
         self.first = first;
         let mut looks = std::mem::take(&mut self.memory.looks);
         looks.take(
@@ -308,6 +318,7 @@ impl CoarseToFine<'_> {
     fn judge(&mut self) -> Result<()> {
         // No longer than nothing: what is judged is the flow as it stands.
         let options = StepOptions {
+            radius: JUDGING,
             max_step: 0.0,
             ..self.step_options(0)
         };
@@ -532,7 +543,8 @@ impl CoarseToFine<'_> {
             let options = self.round_options(level)?;
             let half = round < half_rounds;
             let finest = self.options.recipe.finest;
-            let judges = once && level == finest && round + 1 == half_rounds + rounds;
+            let last = round + 1 == half_rounds + rounds;
+            let judges = once && level == finest && last && options.recipe.radius >= JUDGING;
             if !half {
                 self.whole(level)?;
             }

@@ -232,7 +232,7 @@ impl Recipe {
                         radius: 1,
                         smooth_epsilon: 0.015,
                         edge_scale: 13.0,
-                        ..recipe.refine
+                        ..RefineRecipe::default()
                     },
                     ..recipe
                 }
