@@ -65,14 +65,8 @@ pub(super) fn half_round(
                 for columns in strips.clone() {
                     let (memory, system) = (&mut *memory, &mut *system);
                     let doubled = columns.doubled(full_width);
-                    let mut windows = Windows::new(
-                        level,
-                        views,
-                        doubled,
-                        recipe.radius,
-                        options.centred,
-                        memory,
-                    );
+                    let mut windows =
+                        Windows::new(level, views, doubled, options.windows(), memory);
                     let size = (columns.computed(), height);
                     let slopes = options.slopes.map(|axis| axis.map(|slope| 2.0 * slope));
                     let mut rows =

@@ -26,7 +26,7 @@ use super::trend::Slopes;
 
 use super::confidence::{Judge, Judged};
 use super::moments::{Moments, Reader, Sums};
-use super::windows::{Views, Windows};
+use super::windows::{Made, Views, Windows};
 
 /// How a level is refined.
 ///
@@ -59,6 +59,17 @@ pub(super) struct RoundOptions {
     pub(super) centred: bool,
     /// Slopes of u and v that are smooth, per pixel.
     pub(super) slopes: Slopes,
+}
+
+impl RoundOptions {
+    /// How the windows of the round are made.
+    pub(super) fn windows(&self) -> Made {
+        Made {
+            radius: self.recipe.radius,
+            centred: self.centred,
+            rephased: true,
+        }
+    }
 }
 
 /// Write to `to` the flow of `views` after one round; `judged` becomes what the windows say of it.
@@ -109,14 +120,8 @@ pub(super) fn round(
                 let (memory, system) = memory.split_at_mut(size);
                 for columns in strips.clone() {
                     let (memory, system) = (&mut *memory, &mut *system);
-                    let mut windows = Windows::new(
-                        level,
-                        views,
-                        columns,
-                        recipe.radius,
-                        options.centred,
-                        memory,
-                    );
+                    let mut windows =
+                        Windows::new(level, views, columns, options.windows(), memory);
                     let size = (columns.computed(), height);
                     let relaxed = (recipe.relaxation, options.slopes);
                     let mut rows = Rows::new(level, size, halves, relaxed, system);

@@ -14,7 +14,7 @@ use super::tiles::Columns;
 
 use super::confidence::{Judge, Judged};
 use super::moments::{Moments, Reader, Sums};
-use super::windows::{Views, Windows};
+use super::windows::{Made, Views, Windows};
 
 /// What a step needs to know besides its planes.
 #[derive(Debug, Clone, Copy)]
@@ -29,6 +29,17 @@ pub(super) struct StepOptions {
     pub(super) max_step: f32,
     /// Whether windows are not judged, but what they would be judged by is written.
     pub(super) measures: bool,
+}
+
+impl StepOptions {
+    /// How the windows of the step are made.
+    fn windows(&self) -> Made {
+        Made {
+            radius: self.radius,
+            centred: self.centred,
+            rephased: false,
+        }
+    }
 }
 
 /// Write the flow after one step, and the mean squared difference of each window before it.
@@ -53,14 +64,8 @@ pub(super) fn step(
         |rows, (mut u, mut v, mut energy)| {
             with_scratch(size, |memory| {
                 for columns in strips.clone() {
-                    let mut windows = Windows::new(
-                        level,
-                        views,
-                        columns,
-                        options.radius,
-                        options.centred,
-                        &mut *memory,
-                    );
+                    let mut windows =
+                        Windows::new(level, views, columns, options.windows(), &mut *memory);
                     windows.start(rows.start);
                     for (local, y) in rows.clone().enumerate() {
                         let sums = windows.row(y).of(columns);
@@ -121,14 +126,8 @@ pub(super) fn sparse_step(
         |rows, (mut u, mut v, mut energy, mut judged)| {
             with_scratch(size, |memory| {
                 for columns in strips.clone() {
-                    let mut windows = Windows::new(
-                        level,
-                        views,
-                        columns,
-                        options.radius,
-                        options.centred,
-                        &mut *memory,
-                    );
+                    let mut windows =
+                        Windows::new(level, views, columns, options.windows(), &mut *memory);
                     windows.start(2 * rows.start);
                     let half = columns.start / 2;
                     for (local, y) in rows.clone().enumerate() {

@@ -20,7 +20,7 @@ use super::padded_plane::{self, PAD, PaddedPlane};
 use super::sum_down::{Differences, KEPT, Kept, SUMS, Split, SumDown, as_kept};
 use super::tiles::Columns;
 use super::upsample;
-use super::warp::WarpRow;
+use super::warp::{Rephase, WarpRow};
 
 /// The planes of one level, with the flow between them.
 #[derive(Clone, Copy)]
@@ -74,13 +74,23 @@ enum Counts {
     /// Anything.
     Some,
 }
+/// How windows are made.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Made {
+    /// Half their size, 1 to 3.
+    pub(super) radius: usize,
+    /// Remove the mean of each: an offset of the light then changes nothing.
+    pub(super) centred: bool,
+    /// Give samples the phase of cubic ones ([`Rephase`]).
+    pub(super) rephased: bool,
+}
+
 /// Rows of window sums, made one after the other.
 pub(super) struct Windows<'a> {
     level: SimdLevel,
     views: Views<'a>,
     columns: Columns,
-    radius: usize,
-    centred: bool,
+    made: Made,
     stride: usize,
     split: Split,
     /// `NEAR` rows each of the sum of `prev` and warped `next`, of their difference, and of the weight.
@@ -136,8 +146,7 @@ impl<'a> Windows<'a> {
         level: SimdLevel,
         views: Views<'a>,
         columns: Columns,
-        radius: usize,
-        centred: bool,
+        made: Made,
         memory: &'a mut [f32],
     ) -> Self {
         let width = columns.computed();
@@ -157,8 +166,7 @@ impl<'a> Windows<'a> {
             level,
             views,
             columns,
-            radius,
-            centred,
+            made,
             stride,
             split,
             near: [sum, difference, weight],
@@ -177,7 +185,7 @@ impl<'a> Windows<'a> {
     /// Make ready for row `y`.
     pub(super) fn start(&mut self, y: usize) {
         self.summed = None;
-        self.upcoming = (y - y % 2) as isize - self.radius as isize;
+        self.upcoming = (y - y % 2) as isize - self.made.radius as isize;
         self.warp(self.upcoming - 1);
         self.warp(self.upcoming);
     }
@@ -195,21 +203,21 @@ impl<'a> Windows<'a> {
     fn either_row<const BOTH: bool>(&mut self, y: usize) -> Sums<'_> {
         let upper = y - y % 2;
         if self.summed != Some(upper) {
-            while self.upcoming <= (upper + 1 + self.radius) as isize {
+            while self.upcoming <= (upper + 1 + self.made.radius) as isize {
                 self.warp(self.upcoming + 1);
                 self.differences(self.upcoming);
                 self.upcoming += 1;
             }
-            by_radius!(self.radius, SIZE => self.sum::<SIZE, BOTH>(upper));
+            by_radius!(self.made.radius, SIZE => self.sum::<SIZE, BOTH>(upper));
             self.summed = Some(upper);
         }
-        by_radius!(self.radius, SIZE => self.count::<SIZE>(y));
+        by_radius!(self.made.radius, SIZE => self.count::<SIZE>(y));
         let (number, inverse) = self.number.split_at(2 * self.split.half);
         Sums {
             split: self.split,
             skipped: 0,
             count: self.split.count,
-            centre: if self.centred { 1.0 } else { 0.0 },
+            centre: if self.made.centred { 1.0 } else { 0.0 },
             number,
             inverse,
             sums: &self.sums[(y % 2) * SUMS * 3 * self.split.half..][..SUMS * 3 * self.split.half],
@@ -241,11 +249,25 @@ impl<'a> Windows<'a> {
             u,
             v,
             sum: &mut *sum,
-            difference,
+            difference: &mut *difference,
             inside: &mut *inside,
             full: &mut *full,
         };
         dispatch(self.level, kernel);
+        if self.made.rephased {
+            let beside = y >= 2 && y + 2 < height;
+            let kernel = Rephase {
+                rows: [0, 1, 2, 3, 4].map(|k| {
+                    let row = if beside { y + k - 2 } else { y };
+                    self.views.prev.row(row)
+                }),
+                from: columns.start,
+                flow: [u, v].map(|row| &row[PAD..PAD + width]),
+                sum: &mut sum[PAD..PAD + width],
+                difference: &mut difference[PAD..PAD + width],
+            };
+            dispatch(self.level, kernel);
+        }
         padded_plane::extend(sum, width);
         inside[PAD + width..].fill(0.0);
         if let Some(weight) = self.views.weight {
