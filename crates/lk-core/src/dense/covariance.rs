@@ -29,23 +29,28 @@ const APART: usize = 4;
 const AROUND: usize = 2;
 const WINDOWS: usize = 1;
 
-/// The variance of a flow over the mean squared difference of its window and the inverse of the mean structure tensor: one
-/// over the pixels that smoothness makes one.
-const NOISE: f32 = 0.0021;
 /// Mean squared differences that no residual shows, in squared grey levels: what rounding leaves.
 const UNSEEN: f32 = 0.01;
 /// Texture that smoothness stands for, in squared grey levels.
 const SMOOTHNESS: f32 = 0.3;
-/// The variance over a sixth of the mean squared second difference.
-const ROUGHNESS: f32 = 0.95;
-/// Its place where no second difference is known, in squared pixels: frames of two blocks have errors like that.
+/// What the variance of a flow is made of, as fitted to a preset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Shares {
+    /// Over the mean squared difference of a window and the inverse of its mean structure tensor: one over the pixels that
+    /// smoothness makes one.
+    pub(crate) noise: f32,
+    /// Over a sixth of the mean squared second difference.
+    pub(crate) roughness: f32,
+}
+
+/// The variance where no second difference is known, in squared pixels: frames of two blocks have errors like that.
 const UNKNOWN: f32 = 0.0225;
-/// The least variance, in squared pixels: interpolation errs by that and more, and alike everywhere, where the whole picture
-/// moves by the same part of a pixel.
-const LEAST: f32 = 2.5e-5;
+/// The least variance, in squared pixels: interpolation errs by that, and alike everywhere, where the whole picture moves by the
+/// same part of a pixel.
+const LEAST: f32 = 7.5e-6;
 /// Flow that is interpolated from the level of half the size is off by more than it shows: how many times the variance is
 /// what it seems, and what is added to it, in squared pixels.
-const INTERPOLATED: [f32; 2] = [1.5, 4e-4];
+const INTERPOLATED: [f32; 2] = [1.5, 2e-4];
 
 /// Memory, of the cells and blocks of a frame.
 #[derive(Debug, Default)]
@@ -66,12 +71,12 @@ pub(super) struct Cells {
 pub(super) fn write(
     field: &mut FlowField,
     (judged, prev): (&Judged, &Plane),
-    finest: usize,
+    (finest, shares): (usize, Shares),
     cells: &mut Cells,
     execution: &Execution,
 ) -> Result<()> {
     let (width, height) = (field.width, field.height);
-    cells.measure(field, judged, prev)?;
+    cells.measure(field, (judged, prev), shares)?;
     if finest > 0 {
         let [times, more] = INTERPOLATED;
         for [xx, xy, yy] in &mut cells.variances {
@@ -109,7 +114,12 @@ pub(super) fn write(
 }
 
 impl Cells {
-    fn measure(&mut self, field: &FlowField, judged: &Judged, prev: &Plane) -> Result<()> {
+    fn measure(
+        &mut self,
+        field: &FlowField,
+        (judged, prev): (&Judged, &Plane),
+        shares: Shares,
+    ) -> Result<()> {
         let size = (field.width.div_ceil(CELL), field.height.div_ceil(CELL));
         self.read_windows(judged, prev, size)?;
         for cells in &mut self.said {
@@ -129,10 +139,10 @@ impl Cells {
         let [ux, uy, vx, vy] = self.rough.each_ref();
         for (k, variances) in self.variances.iter_mut().enumerate() {
             let (xx, xy, yy) = (xx[k] + SMOOTHNESS, xy[k], yy[k] + SMOOTHNESS);
-            let noise = NOISE * (energy[k] + UNSEEN) / (xx * yy - xy * xy);
+            let noise = shares.noise * (energy[k] + UNSEEN) / (xx * yy - xy * xy);
             let block = k / size.0 * CELL / BLOCK * blocks.0 + k % size.0 * CELL / BLOCK;
             let [u, v] = [[ux[block], uy[block]], [vx[block], vy[block]]]
-                .map(|[x, y]| ROUGHNESS * both_axes(x, y) + LEAST);
+                .map(|[x, y]| shares.roughness * both_axes(x, y) + LEAST);
             *variances = [noise * yy + u, -noise * xy, noise * xx + v];
             if !variances.iter().all(|variance| variance.is_finite()) {
                 *variances = [f32::INFINITY, 0.0, f32::INFINITY];

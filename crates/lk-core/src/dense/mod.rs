@@ -417,9 +417,9 @@ impl DenseFlow {
         }
         chance::clear(field, judged, counts)?;
         if options.covariance {
-            let finest = options.recipe.finest;
+            let of_recipe = (options.recipe.finest, options.recipe.covariance);
             let of_windows = (&*judged, &prev.pyramid.levels()[0]);
-            covariance::write(field, of_windows, finest, cells, execution)?;
+            covariance::write(field, of_windows, of_recipe, cells, execution)?;
         }
         Ok(())
     }

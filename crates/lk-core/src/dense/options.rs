@@ -9,6 +9,7 @@ use crate::execution::Execution;
 use crate::illumination::Illumination;
 use crate::options::{expect_option, is_positive, names, setters};
 
+pub(crate) use super::covariance::Shares;
 pub(crate) use super::refine::RefineRecipe;
 
 /// How much time dense flow takes for how much accuracy.
@@ -83,6 +84,7 @@ pub(crate) struct Recipe {
     /// How many times smoothness counts where the whole flow is affine.
     pub(crate) affine_gain: f32,
     pub(crate) refine: RefineRecipe,
+    pub(crate) covariance: Shares,
 }
 
 impl Default for RefineRecipe {
@@ -136,6 +138,10 @@ impl Recipe {
             presmoothing: 0.7,
             affine_gain: 7.0,
             refine: RefineRecipe::default(),
+            covariance: Shares {
+                noise: 0.0021,
+                roughness: 0.68,
+            },
         };
         match preset {
             Preset::Ultrafast => Self {
@@ -160,6 +166,10 @@ impl Recipe {
                 ..recipe
             },
             Preset::Fast => Self {
+                covariance: Shares {
+                    roughness: 0.95,
+                    ..recipe.covariance
+                },
                 fine: [
                     LevelRecipe { sweeps: 4, ..level },
                     LevelRecipe {
@@ -233,6 +243,10 @@ impl Recipe {
                         smooth_epsilon: 0.015,
                         edge_scale: 13.0,
                         ..RefineRecipe::default()
+                    },
+                    covariance: Shares {
+                        noise: 0.0012,
+                        roughness: 0.8,
                     },
                     ..recipe
                 }
