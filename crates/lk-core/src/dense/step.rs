@@ -33,7 +33,7 @@ pub(super) struct StepOptions {
 
 impl StepOptions {
     /// How the windows of the step are made.
-    fn windows(&self) -> Made {
+    pub(super) fn windows(&self) -> Made {
         Made {
             radius: self.radius,
             centred: self.centred,

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 
 use super::super::padded_plane::{self, PaddedPlane};
 use super::super::step::StepOptions;
-use super::super::windows::Views;
+use super::super::windows::{Made, Views};
 use super::super::{median, propagate, step, upsample};
 use crate::execution::Execution;
 use crate::frame::Plane;
@@ -34,8 +34,11 @@ pub(super) fn at(grid: &PaddedPlane, y: isize, x: isize) -> f32 {
 /// What a window says, by its definition, in f64: pixels that count, then the means gx gx, gx gy, gy gy, gx d, gy d, d d.
 pub(super) fn reference_moments(
     views: Views<'_>,
-    radius: usize,
-    centred: bool,
+    Made {
+        radius,
+        centred,
+        rephased,
+    }: Made,
     (y, x): (usize, usize),
 ) -> [f64; 7] {
     let Views {
@@ -60,9 +63,25 @@ pub(super) fn reference_moments(
             f64::from(y as f32 + v.row(y)[x]),
         )
     };
+    // What a bilinear sample lacks in phase, along one axis, of five pixels of `prev` and the fraction of the flow.
+    let lacks = |[a, b, c, d]: [f32; 4], flow: f32| {
+        let f = f64::from(flow - flow.floor());
+        let third = 0.5 * f64::from(d - a) - f64::from(c - b);
+        f * (1.0 - f) * (1.0 - 2.0 * f) / 6.0 * third
+    };
     let warped = |y: usize, x: usize| {
         let (at_x, at_y) = place(y, x);
-        sample(at_x, at_y)
+        let mut value = sample(at_x, at_y);
+        let pixel = |y: usize, x: usize| prev.row(y)[x];
+        if rephased && x >= 2 && x + 2 < width {
+            let near = [x - 2, x - 1, x + 1, x + 2].map(|x| pixel(y, x));
+            value -= lacks(near, u.row(y)[x]);
+        }
+        if rephased && y >= 2 && y + 2 < height {
+            let near = [y - 2, y - 1, y + 1, y + 2].map(|y| pixel(y, x));
+            value -= lacks(near, v.row(y)[x]);
+        }
+        value
     };
     let both = |y: usize, x: usize| f64::from(prev.row(y)[x]) + warped(y, x);
     let mut window = Vec::new();
@@ -110,8 +129,7 @@ pub(super) fn reference_step(
     options: &StepOptions,
     (y, x): (usize, usize),
 ) -> (f64, f64, f64) {
-    let [_, xx, xy, yy, xd, yd, dd] =
-        reference_moments(views, options.radius, options.centred, (y, x));
+    let [_, xx, xy, yy, xd, yd, dd] = reference_moments(views, options.windows(), (y, x));
     let damping = f64::from(options.damping);
     let (xx, yy) = (xx + damping, yy + damping);
     let det = xx * yy - xy * xy;

@@ -7,7 +7,7 @@ use super::super::options::RefineRecipe;
 use super::super::padded_plane::PaddedPlane;
 use super::super::refine::RoundOptions;
 use super::super::step::StepOptions;
-use super::super::windows::Views;
+use super::super::windows::{Made, Views};
 use super::super::{half_round, refine, step, upsample};
 use super::parts::{at, noise, plane, reference_moments, reference_step};
 use crate::Execution;
@@ -49,8 +49,7 @@ fn reference_round(
             let (own_u, own_v) = (scale * own_u, scale * own_v);
             flow.push([own_u, own_v]);
             let place = (apart * y, apart * x);
-            let [_, xx, xy, yy, xd, yd, dd] =
-                reference_moments(views, recipe.radius, options.centred, place);
+            let [_, xx, xy, yy, xd, yd, dd] = reference_moments(views, options.windows(), place);
             let (row, column) = (y as isize, x as isize);
             let rough: f64 = [u, v]
                 .iter()
@@ -149,15 +148,15 @@ fn gentle(width: usize, height: usize, seed: u32, slope: f32, rough: f32) -> Pad
 /// its mean squared difference, in f64.
 fn reference_judgement(
     views: Views<'_>,
-    radius: usize,
+    made: Made,
     place: (usize, usize),
     [du, dv]: [f64; 2],
 ) -> [f64; 3] {
-    let [n, xx, xy, yy, xd, yd, dd] = reference_moments(views, radius, true, place);
+    let [n, xx, xy, yy, xd, yd, dd] = reference_moments(views, made, place);
     let texture = 0.5 * (xx + yy) - (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();
     let after =
         dd + 2.0 * (du * xd + dv * yd) + du * (xx * du + xy * dv) + dv * (xy * du + yy * dv);
-    let size = 2 * radius + 1;
+    let size = 2 * made.radius + 1;
     let explained = (16.0 + texture).min(3.0 * texture) - after;
     let enough = n - 0.5 * (size * size) as f64;
     let least = f64::from(confidence::least_texture(size));
@@ -201,8 +200,12 @@ proptest! {
             refine::round(views, &round, to, Some(&mut of_round), &execution).unwrap();
             for y in 0..height.div_ceil(2) {
                 for x in 0..width.div_ceil(2) {
-                    for (judged, step) in [(&of_step, steps(y, x)), (&of_round, [0.0; 2])] {
-                        let [told, fit, energy] = reference_judgement(views, radius, (2 * y, 2 * x), step);
+                    let judgements = [
+                        (&of_step, options.windows(), steps(y, x)),
+                        (&of_round, round.windows(), [0.0; 2]),
+                    ];
+                    for (judged, made, step) in judgements {
+                        let [told, fit, energy] = reference_judgement(views, made, (2 * y, 2 * x), step);
                         let (got, misfit) = (judged.fit.row(y)[x], f64::from(judged.misfit.row(y)[x]));
                         prop_assert!(judged_so(got, [told, fit], 2e-3), "{x} {y}: {got} {told} {fit}");
                         prop_assert!((misfit * misfit - energy).abs() < 2e-3 * (1.0 + energy), "{x} {y}: {misfit} {energy}");
@@ -264,7 +267,7 @@ proptest! {
                     let want = want[y * size.0 + x];
                     prop_assert!((f64::from(to_u.row(y)[x]) - want[0]).abs() < 5e-3, "{} {}", to_u.row(y)[x], want[0]);
                     prop_assert!((f64::from(to_v.row(y)[x]) - want[1]).abs() < 5e-3);
-                    let [told, fit, energy] = reference_judgement(whole, radius, (2 * y, 2 * x), [0.0; 2]);
+                    let [told, fit, energy] = reference_judgement(whole, options.windows(), (2 * y, 2 * x), [0.0; 2]);
                     prop_assert!(judged_so(judged.fit.row(y)[x], [told, fit], 2e-2));
                     prop_assert!((f64::from(judged.misfit.row(y)[x]) - energy.sqrt()).abs() < 2e-2);
                 }
