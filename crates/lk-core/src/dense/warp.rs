@@ -99,21 +99,18 @@ pub(super) struct Rephase<'a> {
     pub(super) difference: &'a mut [f32],
 }
 
-impl<'a> Kernel for Rephase<'a> {
+impl Kernel for Rephase<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let [above_2, above, row, below, below_2] = self.rows;
         let [u, v] = self.flow;
-        let lost = |flow: f32| {
-            let part = flow - flow as i32 as f32;
-            part * (1.0 - part.abs()) * (1.0 - 2.0 * part.abs()) / 12.0
-        };
         let columns = self.from..self.from + self.sum.len();
-        let near = |row: &'a [f32]| row[columns.clone()].iter();
-        let outer = near(above_2).zip(near(below_2));
-        let inner = near(above).zip(near(below));
+        let outer = above_2[columns.clone()]
+            .iter()
+            .zip(&below_2[columns.clone()]);
+        let inner = above[columns.clone()].iter().zip(&below[columns.clone()]);
         let to = self.sum.iter_mut().zip(self.difference.iter_mut());
         for (((sum, difference), v), (outer, inner)) in to.zip(v).zip(outer.zip(inner)) {
             let third = (outer.1 - outer.0) - 2.0 * (inner.1 - inner.0);
@@ -128,9 +125,12 @@ impl<'a> Kernel for Rephase<'a> {
             return;
         }
         let own = first - self.from..last - self.from;
-        let at = |by: usize| row[first + by - 2..last + by - 2].iter();
-        let outer = at(0).zip(at(4));
-        let inner = at(1).zip(at(3));
+        let outer = row[first - 2..last - 2]
+            .iter()
+            .zip(&row[first + 2..last + 2]);
+        let inner = row[first - 1..last - 1]
+            .iter()
+            .zip(&row[first + 1..last + 1]);
         let to = self.sum[own.clone()].iter_mut();
         let to = to.zip(self.difference[own.clone()].iter_mut());
         for (((sum, difference), u), (outer, inner)) in to.zip(&u[own]).zip(outer.zip(inner)) {
@@ -140,6 +140,14 @@ impl<'a> Kernel for Rephase<'a> {
             *difference -= change;
         }
     }
+}
+
+/// What a sample this far from the pixels lacks, over twice the third derivative. The same whether the fraction is that from the
+/// pixel before, or, negative, from the one after.
+#[inline(always)]
+fn lost(flow: f32) -> f32 {
+    let part = flow - flow as i32 as f32;
+    part * (1.0 - part.abs()) * (1.0 - 2.0 * part.abs()) / 12.0
 }
 
 /// In this form a sample on a pixel is that pixel, to the bit, on the last column and row too.
