@@ -17,7 +17,7 @@ roi = tuple(int(number) for number in sys.argv[3:7]) or (130, 90, 60, 60)
 
 shift = rsflow.estimate_shift(prev, after, roi=roi)
 if not shift.valid:
-    sys.exit(f"the displacement of the window {roi} could not be measured: {shift.status.name}")
+    sys.exit(f"the displacement of the window {roi} could not be measured: {shift.status}")
 deviation = shift.covariance.diagonal() ** 0.5
 print(
     f"{shift.dx:+.3f} px to the right, {shift.dy:+.3f} px down; deviations {deviation[0]:.4f} and {deviation[1]:.4f} px"

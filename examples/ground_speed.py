@@ -24,4 +24,4 @@ for frame in video:
             f"deviations {deviation[0]:.4f} and {deviation[1]:.4f} m/s"
         )
     else:
-        print(f"{frame.t_s:.3f} s: {velocity.status.name}")
+        print(f"{frame.t_s:.3f} s: {velocity.status}")

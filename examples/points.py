@@ -17,6 +17,6 @@ else:
 tracker = rsflow.PointTracker(max_corners=200, max_displacement=40)
 for frame in video:
     tracks = tracker.update(frame.image)
-    told = collections.Counter(rsflow.PointStatus(status).name for status in tracks.status)
+    told = collections.Counter(tracks.status_names.tolist())
     words = ", ".join(f"{count} {name.lower().replace('_', ' ')}" for name, count in told.most_common())
     print(f"frame {frame.index}: {words}; numbers up to {tracks.ids.max(initial=0)}")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import _checks
 
-# The largest picture inside of a page, in pixels: what stands beside text, some tens of kilobytes.
+# The largest picture inside of a page, in pixels: what stands beside text, at most some 150 kilobytes.
 _WIDEST, _HIGHEST = 480, 360
 
 

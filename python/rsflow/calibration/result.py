@@ -96,7 +96,7 @@ class Calibration(Figures):
         Returns
         -------
         dict of str to ndarray
-            ``name, used, reason, corners, repaired, rms_px, tilt_rad, influence``.
+            ``name, used, reason, corners, repaired, rms_px, tilt_rad, influence``; see the class for an example.
         """
         return _display.columns((view.to_dict() for view in self.views), VIEW_COLUMNS)
 

@@ -158,7 +158,7 @@ class Tracks:
             "std_x_px": deviation[:, 0],
             "std_y_px": deviation[:, 1],
             "residual": self.residual,
-            "status": np.char.lower(self.status_names),
+            "status": np.array([status.word for status in PointStatus])[self.status],
         }
 
     def draw(self, frame: NDArray[Any]) -> NDArray[np.uint8]:

@@ -108,6 +108,14 @@ class TrackTable:
         Returns
         -------
         dict of str to ndarray
+
+        Examples
+        --------
+        >>> import numpy as np, rsflow
+        >>> tracker = rsflow.PointTracker(record=True)
+        >>> _ = tracker.update(np.zeros((60, 80), np.uint8))
+        >>> list(tracker.to_table().to_dict())[:4]
+        ['frame', 't_s', 'id', 'age']
         """
         return self.columns
 

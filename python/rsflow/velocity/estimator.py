@@ -177,7 +177,6 @@ class VelocityEstimator(Shared):
         ShapeError, DTypeError
             If the image does not have the camera's size, is not grey or of another type.
         """
-        _checks.unmasked("image", image)
         self._check_image(image)
         t_s = _checks.number("t_s", t_s, least=-_MOST, most=_MOST, of="seconds", or_nan=True)
         if not np.isfinite(t_s):
