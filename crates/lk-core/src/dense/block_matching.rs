@@ -13,9 +13,7 @@ use crate::frame::Plane;
 use crate::memory::{reserve, resize};
 use crate::simd::SimdLevel;
 
-use super::coarse_to_fine::CoarseToFine;
 use super::padded_plane::{self, PAD, PaddedPlane};
-use super::trend::Trend;
 use super::window_correlation::{NEAR, NOISE, RADIUS, SIDE, Side, Template, variance};
 
 /// Pixels from one window to the next.
@@ -70,59 +68,6 @@ pub(super) struct Matching {
     rows: usize,
 }
 
-impl CoarseToFine<'_> {
-    /// Seek what is lost on `level`, which has just been measured, and take its flow where that fits better. The flow is of
-    /// full size then.
-    pub(super) fn match_lost(&mut self, level: usize) -> Result<()> {
-        let mut matching = std::mem::take(&mut self.memory.matching);
-        let done = self.match_with(level, &mut matching);
-        self.memory.matching = matching;
-        done
-    }
-
-    fn match_with(&mut self, level: usize, matching: &mut Matching) -> Result<()> {
-        let (prev, next) = (&self.prev.levels()[level], &self.next.levels()[level]);
-        let energy = &self.memory.energy;
-        let radius = self.level_recipe(level).radius;
-        let weight = self.weighted.then(|| &self.memory.weights[level]);
-        if !matching.find_lost(prev, energy, radius, weight)? {
-            return Ok(());
-        }
-        self.execution.check()?;
-        let simd = self.execution.simd_level();
-        matching.next.take(next)?;
-        matching.scores.resize(prev.width(), prev.height())?;
-        let most = self
-            .options
-            .max_displacement
-            .map(|most| most / (1u32 << level) as f32);
-        if !matching.search([prev, next], most, simd)? {
-            return Ok(());
-        }
-        // What is there, and what is found, each improved in the same way: without refinement, whose smoothness draws what
-        // is small along with what is around it.
-        self.whole(level)?;
-        self.steps(level, false)?;
-        self.whole(level)?;
-        self.memory.widen_energy()?;
-        let memory = &mut *self.memory;
-        for (found, flow) in memory.found.iter_mut().zip(&memory.flow) {
-            found.copy_from(flow)?;
-        }
-        memory.found_energy.copy_from(&memory.energy)?;
-        matching.write(&mut memory.flow);
-        memory.trend = Trend::default();
-        self.steps(level, false)?;
-        self.whole(level)?;
-        self.memory.widen_energy()?;
-        self.memory.keep_what_fits();
-        std::mem::swap(&mut self.memory.flow, &mut self.memory.found);
-        self.memory.trend = Trend::default();
-        self.steps(level, false)?;
-        self.whole(level)
-    }
-}
-
 impl Matching {
     fn middle(index: usize) -> usize {
         RADIUS + SPACING * index
@@ -130,7 +75,7 @@ impl Matching {
 
     /// Mark the windows of `prev` that are lost; whether there are any to seek. `energy` is that of windows of this radius, at
     /// all pixels or at one in each 2 x 2.
-    fn find_lost(
+    pub(super) fn find_lost(
         &mut self,
         prev: &Plane,
         energy: &PaddedPlane,
@@ -206,12 +151,14 @@ impl Matching {
     }
 
     /// Seek what is lost, at most `most` pixels away; whether anything was found.
-    fn search(
+    pub(super) fn search(
         &mut self,
         [prev, next]: [&Plane; 2],
         most: Option<f32>,
         simd: SimdLevel,
     ) -> Result<bool> {
+        self.next.take(next)?;
+        self.scores.resize(prev.width(), prev.height())?;
         let (mut sought, mut any, mut both) = (0, false, false);
         for spacing in [8, 4, 2, 1] {
             let first = spacing / 2;
@@ -311,7 +258,7 @@ impl Matching {
     }
 
     /// Write what was found to the flow around each window.
-    fn write(&self, flow: &mut [PaddedPlane; 2]) {
+    pub(super) fn write(&self, flow: &mut [PaddedPlane; 2]) {
         for (index, state) in self.states.iter().enumerate() {
             let State::Found(by) = state else {
                 continue;

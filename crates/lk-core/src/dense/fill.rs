@@ -9,11 +9,9 @@
 use crate::error::Result;
 use crate::memory::resize;
 
-use super::coarse_to_fine::{CoarseToFine, Memory};
 use super::padded_plane::{PAD, PaddedPlane, extend};
 use super::sureness::Sureness;
-use super::trend::{Slopes, Trend};
-use super::upsample::upsample;
+use super::trend::Slopes;
 
 /// Windows whose share is all but whole keep their flow.
 const WHOLE: f32 = 0.99;
@@ -31,69 +29,9 @@ struct Grid {
     cells: Vec<[f32; 3]>,
 }
 
-impl CoarseToFine<'_> {
-    /// Fill in the flow of `level`, which was just measured, where its windows say little, on a grid of one pixel in
-    /// `step` x `step`: 2 for a flow of half the size, 1 or 2 for one of all pixels.
-    pub(super) fn fill(&mut self, level: usize, step: usize) -> Result<()> {
-        let plane = &self.prev.levels()[level];
-        let Memory {
-            flow,
-            halved,
-            spare,
-            gains,
-            energy,
-            weights,
-            trend,
-            samples,
-            sureness,
-            fill,
-            ..
-        } = &mut *self.memory;
-        let weight = self.weighted.then(|| &weights[level]);
-        sureness.measure(plane, (level, step), energy, weight)?;
-        *trend = Trend::of(flow.each_ref(), *halved, trend.slopes, sureness, samples)?;
-        // What the flow of the grid differs by from one of its pixels to the next.
-        let scale = halved.unwrap_or(1.0);
-        let slopes = trend
-            .carrying_slopes()
-            .map(|axis| axis.map(|slope| slope * step as f32 / scale));
-        if step == 1 || halved.is_some() {
-            return fill.spread(flow.each_mut(), sureness, slopes);
-        }
-        // What a flow of all pixels gains is found on the grid and interpolated.
-        for (flow, grid) in flow.iter().zip(&mut *gains) {
-            grid.resize(flow.width().div_ceil(step), flow.height().div_ceil(step))?;
-            for y in 0..grid.height() {
-                let (from, to) = (flow.row(step * y), grid.padded_mut(y));
-                for (to, from) in to[PAD..].iter_mut().zip(from.iter().step_by(step)) {
-                    *to = *from;
-                }
-            }
-        }
-        fill.spread(gains.each_mut(), sureness, slopes)?;
-        for ((flow, grid), gain) in flow.iter_mut().zip(gains).zip(spare) {
-            let (width, height) = (flow.width(), flow.height());
-            for y in 0..grid.height() {
-                let (from, to) = (flow.row(step * y), grid.padded_mut(y));
-                for (to, from) in to[PAD..].iter_mut().zip(from.iter().step_by(step)) {
-                    *to -= *from;
-                }
-                extend(to, width.div_ceil(step));
-            }
-            upsample(grid, (width, height), 1.0, gain, self.execution)?;
-            for y in 0..height {
-                for (flow, gain) in flow.padded_mut(y).iter_mut().zip(gain.padded(y)) {
-                    *flow += gain;
-                }
-            }
-        }
-        Ok(())
-    }
-}
-
 impl Fill {
     /// Fill in `flow` where `sureness`, on the same grid, is not whole; `slopes` are those of u and v from pixel to pixel.
-    fn spread(
+    pub(super) fn spread(
         &mut self,
         flow: [&mut PaddedPlane; 2],
         sureness: &Sureness,

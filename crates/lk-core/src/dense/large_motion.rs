@@ -8,11 +8,11 @@
 
 use crate::displacement_hypotheses::Hypotheses;
 use crate::error::Result;
-use crate::frame::Plane;
 
-use super::coarse_to_fine::{CoarseToFine, Memory};
+use super::levels::CoarseToFine;
 use super::padded_plane;
 use super::trend::Trend;
+use super::workspace::Workspace;
 
 /// Motion is looked for where the misfit of windows is above this share of their contrast: unrelated windows have 1.4
 /// times their contrast, windows that match next to nothing, and under light that is not modelled yet up to half.
@@ -30,9 +30,6 @@ const MOST: usize = 12;
 /// Half the windows over which misfit is compared: what one pixel of the level says of a displacement is chance.
 const SUPPORT: usize = 3;
 
-/// Half the windows whose contrast is measured, and the distance from one to the next.
-const RADIUS: usize = 3;
-
 impl CoarseToFine<'_> {
     /// Improve the flow of level `level`, which has just been measured, if its misfit `before` is lost for the contrast of `prev`
     /// there.
@@ -44,7 +41,7 @@ impl CoarseToFine<'_> {
         let scale = (1usize << level) as f64;
         let hypotheses = Hypotheses::find(self.prev.levels(), self.next.levels(), self.execution)?;
         self.memory.keep_flow();
-        let Memory { best, found, .. } = &mut *self.memory;
+        let Workspace { best, found, .. } = &mut *self.memory;
         for (found, best) in found.iter_mut().zip(best) {
             found.copy_from(best)?;
         }
@@ -75,7 +72,7 @@ impl CoarseToFine<'_> {
             self.memory.take_best_flow();
             return Ok(false);
         }
-        let Memory {
+        let Workspace {
             flow,
             found,
             trend,
@@ -90,7 +87,7 @@ impl CoarseToFine<'_> {
     }
 }
 
-impl Memory {
+impl Workspace {
     /// Replace each energy by the mean over the windows around it; those that are unknown stay so and do not count.
     pub(super) fn widen_energy(&mut self) -> Result<()> {
         let Self {
@@ -151,26 +148,4 @@ impl Memory {
             }
         }
     }
-}
-
-/// The mean standard deviation of grey levels within windows.
-pub(super) fn contrast(plane: &Plane) -> f64 {
-    let (mut all, mut windows) = (0.0, 0.0);
-    for y in (0..plane.height()).step_by(RADIUS) {
-        for x in (0..plane.width()).step_by(RADIUS) {
-            let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
-            for row in y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(plane.height()) {
-                let columns = x.saturating_sub(RADIUS)..(x + RADIUS + 1).min(plane.width());
-                for value in &plane.row(row)[columns] {
-                    let value = f64::from(*value);
-                    n += 1.0;
-                    sum += value;
-                    squares += value * value;
-                }
-            }
-            all += (squares / n - (sum / n).powi(2)).max(0.0).sqrt();
-            windows += 1.0;
-        }
-    }
-    if windows > 0.0 { all / windows } else { 0.0 }
 }

@@ -22,6 +22,9 @@ use super::windows::Views;
 /// What memory here holds.
 const SUMS: &str = "sums of grey levels";
 
+/// Half the windows of the trend of the light over the picture, and of what differs locally, in pixels of coarse levels.
+pub(super) const LIGHT_RADII: (usize, usize) = (3, 8);
+
 /// Gains outside of this range are no change of light.
 const GAIN: std::ops::RangeInclusive<f64> = 0.2..=5.0;
 

@@ -53,8 +53,10 @@ mod gaps;
 mod half_round;
 mod hot_pixels;
 mod large_motion;
+mod levels;
 mod light;
 mod looks;
+mod lost_windows;
 mod median;
 mod moments;
 mod options;
@@ -77,6 +79,7 @@ mod warp;
 mod weights;
 mod window_correlation;
 mod windows;
+mod workspace;
 
 use ndarray::ArrayView2;
 
@@ -89,10 +92,11 @@ pub use field::FlowField;
 pub use options::{DenseHints, DenseOptions, Preset};
 pub use snapshot::DenseSnapshot;
 
-use coarse_to_fine::{CoarseToFine, Memory};
 use hot_pixels::greys_without;
+use levels::CoarseToFine;
 use source::{Reading, Source};
 use windows::Views;
+use workspace::Workspace;
 
 /// A level is not halved below this, in pixels of its shorter side: the windows of the coarsest level must stay small
 /// beside it.
@@ -123,7 +127,7 @@ pub struct DenseFlow {
     next: Source,
     /// Whether `next` holds the frame before.
     primed: bool,
-    memory: Memory,
+    memory: Workspace,
 }
 
 /// Dense flow of one pair.
@@ -170,7 +174,7 @@ impl DenseFlow {
             prev: Source::default(),
             next: Source::default(),
             primed: false,
-            memory: Memory::default(),
+            memory: Workspace::default(),
         })
     }
 
@@ -284,7 +288,7 @@ impl DenseFlow {
     pub fn forget(&mut self) {
         self.primed = false;
         (self.prev, self.next) = (Source::default(), Source::default());
-        self.memory = Memory::default();
+        self.memory = Workspace::default();
     }
 
     /// Let go of all memory if `measured` had too little: others may need it, and the next frame may be smaller.
@@ -375,7 +379,7 @@ impl DenseFlow {
             scale_by(field.offset.data_mut(), unit);
             field.halvings = halvings;
         }
-        let Memory {
+        let Workspace {
             flow: [u, v],
             halved,
             weights,

@@ -5,17 +5,14 @@
 use crate::error::Result;
 use crate::frame::Plane;
 
-use super::coarse_to_fine::{CoarseToFine, Memory};
-use super::light::Light;
+use super::levels::CoarseToFine;
+use super::light::LIGHT_RADII;
 use super::options::DenseHints;
 use super::weights;
 use super::windows::Views;
+use super::workspace::Workspace;
 
-/// Half the windows of its trend over the picture, and of what differs locally, in pixels of those levels.
-const LIGHT_RADII: (usize, usize) = (3, 8);
-/// Whether it has changed is looked at closely where the logarithm of the gain exceeds this.
-const SUSPICIOUS: f64 = 0.05;
-/// The same, once windows are compared along the flow, and for what they say beyond the trend. On photographs and drawings a gain
+/// Light may have changed where the logarithm of the gain exceeds this once windows are compared along the flow, and for what they say beyond the trend. On photographs and drawings a gain
 /// of 0.9 has 0.1, lens shading of 30 % 0.05 and 0.03 at least, and steady light 0.06 and 0.02 at most where the flow is right.
 const DIFFERS: [f64; 2] = [0.06, 0.03];
 /// Light is taken to have changed where that leaves less than this share of the misfit.
@@ -83,7 +80,7 @@ impl CoarseToFine<'_> {
                 lit = Some(first);
                 best_short = *short;
                 self.memory.keep_flow();
-                let Memory {
+                let Workspace {
                     light, best_light, ..
                 } = &mut *self.memory;
                 std::mem::swap(light, best_light);
@@ -93,7 +90,7 @@ impl CoarseToFine<'_> {
             }
         }
         self.memory.take_best_flow();
-        let Memory {
+        let Workspace {
             light, best_light, ..
         } = &mut *self.memory;
         std::mem::swap(light, best_light);
@@ -112,7 +109,7 @@ impl CoarseToFine<'_> {
     /// Whether the light differs along the flow so far, by more than an offset. Windows that are compared where they stand differ
     /// by what moves in and out of them too.
     fn light_differs_along(&mut self, first: usize) -> Result<bool> {
-        let Memory {
+        let Workspace {
             flow: [u, v],
             light,
             weights,
@@ -141,7 +138,7 @@ impl CoarseToFine<'_> {
         }
         let level = first - 1;
         self.memory.keep_flow();
-        let Memory {
+        let Workspace {
             flow,
             best,
             finer,
@@ -181,7 +178,7 @@ impl CoarseToFine<'_> {
     /// Give `prev` the light of `next` on all levels, as level `from` has seen it. A sensor clips what is beyond its range,
     /// which says nothing of motion: pixels at the limits of either frame weigh nothing from here on.
     fn relight_all(&mut self, from: usize) -> Result<()> {
-        let Memory {
+        let Workspace {
             flow: [u, v],
             light,
             weights,
@@ -222,7 +219,7 @@ impl CoarseToFine<'_> {
 
     /// Give `prev` the light of `next`, as the flow so far sees it.
     pub(super) fn relight_level(&mut self, level: usize) -> Result<()> {
-        let Memory {
+        let Workspace {
             flow: [u, v],
             light,
             weights,
@@ -246,15 +243,4 @@ impl CoarseToFine<'_> {
         light.apply(&mut self.prev.levels_mut()[level]);
         Ok(())
     }
-}
-
-/// Whether the light may have changed by more than an offset from `prev` to `next`, a coarse level of both.
-pub(super) fn gain_matters(
-    memory: &mut Light,
-    prev: &Plane,
-    next: &Plane,
-    weight: Option<&Plane>,
-) -> Result<bool> {
-    let [trend, beyond] = memory.change(prev, next, weight, LIGHT_RADII.1)?;
-    Ok(trend > SUSPICIOUS || beyond > 2.0 * SUSPICIOUS)
 }

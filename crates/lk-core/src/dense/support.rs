@@ -8,11 +8,12 @@
 
 use crate::error::Result;
 
-use super::coarse_to_fine::{CoarseToFine, Memory};
 use super::confidence::Judged;
+use super::levels::CoarseToFine;
 use super::padded_plane::{self, PAD, PaddedPlane};
 use super::step::{self, StepOptions};
 use super::windows::Views;
+use super::workspace::Workspace;
 
 /// The level: a quarter of the size of the frames.
 const LEVEL: usize = 2;
@@ -50,7 +51,7 @@ impl CoarseToFine<'_> {
             measures: true,
             ..self.step_options(LEVEL)
         };
-        let Memory {
+        let Workspace {
             flow,
             halved,
             spare: [to_u, to_v],

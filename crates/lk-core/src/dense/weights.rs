@@ -7,8 +7,9 @@ use crate::frame::Plane;
 use crate::memory::resize;
 use crate::pyramid::Pyramid;
 
-use super::coarse_to_fine::{CoarseToFine, Memory};
+use super::levels::CoarseToFine;
 use super::padded_plane::PaddedPlane;
+use super::workspace::Workspace;
 
 /// The weight of every pixel of the frame: 0 where it is masked or not finite.
 pub(super) fn given(
@@ -52,7 +53,7 @@ pub(super) fn pyramid(finest: &Plane, frame: &Pyramid, levels: &mut Vec<Plane>) 
 impl CoarseToFine<'_> {
     /// Let the pixels count for nothing that the flow of level `from` leads to what is masked in `next`, or beside it.
     pub(super) fn drop_masked(&mut self, mask: ArrayView2<'_, bool>, from: usize) -> Result<()> {
-        let Memory {
+        let Workspace {
             flow: [u, v],
             weights,
             unclipped,
