@@ -7,6 +7,7 @@
 //! `docs/algorithms.md`, section "Confidence and validity".
 
 use crate::error::Result;
+use crate::frame::Plane;
 
 use super::confidence::Judged;
 use super::levels::CoarseToFine;
@@ -32,6 +33,10 @@ const TEXTURE: f32 = 0.02;
 const QUIET: f32 = 0.02;
 /// Pixels of a window that are independent of each other: the filter of the pyramid joins neighbours.
 const INDEPENDENT: f32 = 25.0;
+/// Half the middle of a window, in pixels of the level, and the mean squared slope there over the least eigenvalue of the window
+/// below which it is empty: evenly textured windows have two and more.
+const MIDDLE: usize = 1;
+const EMPTY: f32 = 0.4;
 /// No step is known better, in pixels of the level.
 const FLOOR: f32 = 0.02;
 /// Beside the support at pixel (x, y) lies that of the pixels of the grid of judgements from there on.
@@ -75,6 +80,7 @@ impl CoarseToFine<'_> {
         };
         let to = (&mut *to_u, &mut *to_v, &mut *energy);
         step::sparse_step(views, &options, to, Some(&mut *support), self.execution)?;
+        leave_out_empty(plane, support);
         weigh([u, v], [to_u, to_v], options.damping, support);
         sum_around(support, [to_u, to_v, energy]);
         for y in 0..support.fit.height() {
@@ -90,6 +96,35 @@ impl CoarseToFine<'_> {
             }
         }
         Ok(())
+    }
+}
+
+/// Let windows say nothing whose middle is empty beside the rest: what they see is the edge of something else, and the middle may
+/// move otherwise.
+fn leave_out_empty(plane: &Plane, measured: &mut Judged) {
+    let (width, height) = (plane.width(), plane.height());
+    for y in 0..measured.fit.height() {
+        let rows = (2 * y).saturating_sub(MIDDLE)..(2 * y + MIDDLE + 1).min(height);
+        let texture = measured.bearable.row(y);
+        let fit = measured.fit.padded_mut(y);
+        for (x, texture) in texture.iter().enumerate() {
+            let columns = (2 * x).saturating_sub(MIDDLE)..(2 * x + MIDDLE + 1).min(width);
+            let mut squares = 0.0;
+            for y in rows.clone() {
+                let (above, below) = (y.saturating_sub(1), (y + 1).min(height - 1));
+                for x in columns.clone() {
+                    let (left, right) = (x.saturating_sub(1), (x + 1).min(width - 1));
+                    let across = plane.row(y)[right] - plane.row(y)[left];
+                    let down = plane.row(below)[x] - plane.row(above)[x];
+                    squares += across * across + down * down;
+                }
+            }
+            let count = (rows.len() * columns.len()) as f32;
+            // Central differences are twice the slopes.
+            if 0.25 * squares < EMPTY * texture * count {
+                fit[PAD + x] = -1.0;
+            }
+        }
     }
 }
 
