@@ -12,7 +12,7 @@ use super::options::DenseHints;
 use super::workspace::Workspace;
 
 /// Light is estimated on levels of at most this many pixels along the longer side, and carried over to finer ones.
-const LIGHT_SIZE: usize = 100;
+pub(super) const LIGHT_SIZE: usize = 100;
 
 /// In small frames the levels that the measurement starts with end here in steady light: finer ones are measured better, and in
 /// less time, as those of large frames are. Light is still estimated on finer levels.

@@ -311,13 +311,15 @@ impl DenseFlow {
 
     /// Levels of the pyramid for a frame of this (height, width).
     fn levels(&self, (height, width): (usize, usize)) -> usize {
-        let mut size = width.min(height);
+        let [mut size, mut longer] = [width.min(height), width.max(height)];
         let mut levels = 1;
         // Each level doubles the reach: about 2 pixels on the coarsest.
         let mut reach = 2.0;
         let wanted = self.options.max_displacement.unwrap_or(f32::MAX);
-        while size > SMALLEST && reach < wanted {
+        // Down to where the measurement starts even for the shortest motion: from finer levels it would take longer.
+        while size > SMALLEST && (reach < wanted || longer > coarse_to_fine::LIGHT_SIZE) {
             size = size.div_ceil(2);
+            longer = longer.div_ceil(2);
             levels += 1;
             reach *= 2.0;
         }
