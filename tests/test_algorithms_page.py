@@ -142,27 +142,21 @@ TOKEN = re.compile(r"\.\.|[A-Za-z_]\w*(?:(?:::|\.)\w+)*|\d[\d_]*(?:\.\d+)?(?:e-?
 
 
 class Recipes:
-    """Struct literals of `Recipe::new`, read as far as they are names, numbers, arrays and `..base`."""
+    """Constants of `recipe.rs`, read as far as they are names, numbers, arrays and `..base`, and what presets are."""
 
     def __init__(self, source: str) -> None:
-        start, end = source.index("pub(crate) fn new(preset: Preset)"), source.index("/// How dense flow is measured")
         self.known: dict[str, Any] = {}
-        self.tokens = TOKEN.findall(re.sub(r"//.*", "", source[start:end]))
+        self.tokens = TOKEN.findall(re.sub(r"//.*", "", source[source.index("const REFINE") :]))
         self.presets: dict[str, Any] = {}
         at = 0
         while at < len(self.tokens):
             token = self.tokens[at]
-            if token == "let":
-                self.known[self.tokens[at + 1]], at = self.read(at + 3)
+            if token == "const":
+                # `NAME`, `:`, its type and `=`.
+                self.known[self.tokens[at + 1]], at = self.read(at + 5)
             elif token.startswith("Preset::"):
-                # `=` and `>`, then perhaps a block whose last expression is the recipe.
-                name, at = token.removeprefix("Preset::"), at + 3
-                if self.tokens[at] == "{":
-                    at += 1
-                    while self.tokens[at] == "let":
-                        self.known[self.tokens[at + 1]], at = self.read(at + 3)
-                        at += self.tokens[at] == ";"
-                self.presets[name.lower()], at = self.read(at)
+                # `=` and `>`.
+                self.presets[token.removeprefix("Preset::").lower()], at = self.read(at + 3)
             else:
                 at += 1
 
@@ -181,8 +175,6 @@ class Recipes:
             return values, at + 1
         if token[0].isdigit():
             return float(token), at + 1
-        if self.tokens[at + 1] == "(":
-            return None, self.tokens.index(")", at) + 1
         if self.tokens[at + 1] != "{":
             known: Any = self.known
             for part in token.split("."):
@@ -208,7 +200,7 @@ LEVEL_FIELDS = ("steps", "sparse", "radius", "distance", "median", "half_rounds"
 
 
 def test_the_page_has_the_presets_of_the_code() -> None:
-    presets = Recipes(source_of("dense/options.rs")).presets
+    presets = Recipes(source_of("dense/recipe.rs")).presets
     assert list(presets) == ["ultrafast", "fast", "balanced", "accurate"]
     assert [row[:2] for row in PRESETS] == [[name, level] for name in presets for level in ("0", "1", "2", "rest")]
     for preset, level, *figures in PRESETS:

@@ -96,6 +96,13 @@ impl CoarseToFine<'_> {
                 self.whole(level)?;
             }
         }
+        self.finish(finest)?;
+        Ok(lit)
+    }
+
+    /// What is left once `finest`, the last level, is measured: what its windows say of the frames, and what a coarse level
+    /// says of the flow.
+    fn finish(&mut self, finest: usize) -> Result<()> {
         if finest > 0 {
             // What is of the size of the finest level measured is of half the size of the frames.
             self.memory.halved = Some(2.0);
@@ -109,7 +116,6 @@ impl CoarseToFine<'_> {
         if !self.judged {
             self.judge()?;
         }
-        self.find_support()?;
-        Ok(lit)
+        self.find_support()
     }
 }

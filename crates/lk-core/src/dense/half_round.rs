@@ -4,11 +4,13 @@
 //! many sweeps.
 #![allow(clippy::needless_range_loop, reason = "several arrays run along")]
 
+use std::ops::Range;
+
 use crate::error::Result;
 use crate::execution::Execution;
-use crate::parallel::for_each_band;
+use crate::parallel::{RowsMut, for_each_band};
 use crate::scratch::with_scratch;
-use crate::simd::{Floats, Kernel, LANES, Simd, blocks, dispatch};
+use crate::simd::{Floats, Kernel, LANES, Simd, SimdLevel, blocks, dispatch};
 
 use super::confidence::{Judge, Judged};
 use super::moments::{Reader, Sums};
@@ -17,6 +19,9 @@ use super::refine::{RoundOptions, Weights, groups};
 use super::relax::{Row, Rows};
 use super::tiles::Columns;
 use super::windows::{Views, Windows};
+
+/// Rows of [`Judged`] that belong to a band.
+type JudgedRows<'a> = (RowsMut<'a, f32>, RowsMut<'a, f32>, RowsMut<'a, f32>);
 
 /// Write to `to`, of half the size, the flow of `views`, which is of half the size, after one round; `judged` becomes what
 /// the windows say of the flow before it.
@@ -63,50 +68,14 @@ pub(super) fn half_round(
             with_scratch(size + size_of_rows, |memory| {
                 let (memory, system) = memory.split_at_mut(size);
                 for columns in strips.clone() {
-                    let (memory, system) = (&mut *memory, &mut *system);
-                    let doubled = columns.doubled(full_width);
-                    let mut windows =
-                        Windows::new(level, views, doubled, options.windows(), memory);
-                    let size = (columns.computed(), height);
-                    let slopes = options.slopes.map(|axis| axis.map(|slope| 2.0 * slope));
-                    let mut rows =
-                        Rows::new(level, size, halves, (recipe.relaxation, slopes), system);
-                    let first = band.start.saturating_sub(halves);
-                    let last = (band.end + halves).min(height);
-                    windows.start(2 * first);
-                    for lead in first..last + halves + 1 {
-                        if lead < last {
-                            let sums = windows.upper_row(2 * lead);
-                            let near = [lead.saturating_sub(1), lead, (lead + 1).min(height - 1)];
-                            let flow = [views.u, views.v]
-                                .map(|grid| near.map(|y| &grid.padded(y)[columns.from..]));
-                            let to = rows.next(lead);
-                            let judged = judged.as_mut().filter(|_| band.contains(&lead)).map(
-                                |(fit, bearable, misfit)| {
-                                    [fit, bearable, misfit].map(|grid| {
-                                        &mut grid.row_mut(lead - band.start)[columns.start..]
-                                    })
-                                },
-                            );
-                            by_radius!(recipe.radius, SIZE => dispatch(level, Prepare::<SIZE> {
-                                sums,
-                                flow,
-                                scale: views.halved.unwrap_or(1.0),
-                                options,
-                                to,
-                                columns,
-                                judged,
-                            }));
-                            rows.border(lead);
-                        }
-                        if let Some(done) = rows.follow(lead, &band, halves) {
-                            let (u, v) = (
-                                to_u.row_mut(done - band.start),
-                                to_v.row_mut(done - band.start),
-                            );
-                            rows.write(done, columns, [u, v].map(|row| &mut row[columns.start..]));
-                        }
-                    }
+                    relax_strip(
+                        level,
+                        (views, options),
+                        (&band, columns),
+                        [&mut *memory, &mut *system],
+                        [&mut to_u, &mut to_v],
+                        judged.as_mut(),
+                    );
                 }
             })?;
             for local in 0..band.len() {
@@ -117,6 +86,58 @@ pub(super) fn half_round(
             Ok(())
         },
     )
+}
+
+/// Write rows `band` of the columns that are wanted of a strip; `memory` is of its windows and of its system.
+fn relax_strip(
+    level: SimdLevel,
+    (views, options): (Views<'_>, &RoundOptions),
+    (band, columns): (&Range<usize>, Columns),
+    [memory, system]: [&mut [f32]; 2],
+    [to_u, to_v]: [&mut RowsMut<'_, f32>; 2],
+    mut judged: Option<&mut JudgedRows<'_>>,
+) {
+    let recipe = &options.recipe;
+    let (height, halves) = (views.u.height(), 2 * options.sweeps);
+    let doubled = columns.doubled(views.prev.width());
+    let mut windows = Windows::new(level, views, doubled, options.windows(), memory);
+    let size = (columns.computed(), height);
+    let slopes = options.slopes.map(|axis| axis.map(|slope| 2.0 * slope));
+    let mut rows = Rows::new(level, size, halves, (recipe.relaxation, slopes), system);
+    let first = band.start.saturating_sub(halves);
+    let last = (band.end + halves).min(height);
+    windows.start(2 * first);
+    for lead in first..last + halves + 1 {
+        if lead < last {
+            let sums = windows.upper_row(2 * lead);
+            let near = [lead.saturating_sub(1), lead, (lead + 1).min(height - 1)];
+            let flow = [views.u, views.v].map(|grid| near.map(|y| &grid.padded(y)[columns.from..]));
+            let to = rows.next(lead);
+            let judged =
+                judged
+                    .as_mut()
+                    .filter(|_| band.contains(&lead))
+                    .map(|(fit, bearable, misfit)| {
+                        [fit, bearable, misfit]
+                            .map(|grid| &mut grid.row_mut(lead - band.start)[columns.start..])
+                    });
+            by_radius!(recipe.radius, SIZE => dispatch(level, Prepare::<SIZE> {
+                sums,
+                flow,
+                scale: views.halved.unwrap_or(1.0),
+                options,
+                to,
+                columns,
+                judged,
+            }));
+            rows.border(lead);
+        }
+        if let Some(done) = rows.follow(lead, band, halves) {
+            let local = done - band.start;
+            let to = [to_u.row_mut(local), to_v.row_mut(local)];
+            rows.write(done, columns, to.map(|row| &mut row[columns.start..]));
+        }
+    }
 }
 
 /// The parts of the equations of a row that do not depend on its neighbours, at even pixels alone.

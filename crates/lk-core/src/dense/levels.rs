@@ -8,9 +8,10 @@ use crate::frame::Plane;
 use crate::illumination::Illumination;
 use crate::pyramid::Pyramid;
 
-use super::options::{DenseHints, DenseOptions, LevelRecipe, RefineRecipe};
+use super::options::{DenseHints, DenseOptions};
 use super::padded_plane::{PAD, PaddedPlane, extend};
-use super::refine::RoundOptions;
+use super::recipe::LevelRecipe;
+use super::refine::{RefineRecipe, RoundOptions};
 use super::step::StepOptions;
 use super::trend::Trend;
 use super::windows::Views;

@@ -6,7 +6,7 @@
 //! smooth relative to the affine motion of most of the flow ([`trend`]). On coarse levels windows that say little
 //! ([`sureness`]) take the flow of what is around them ([`fill`]). The mean of each window is taken out, so that an
 //! offset of the light does no harm; where light has changed by more than that, `prev` is first brought to the light of
-//! `next` ([`light`], [`photometric_align`]). Motion that the coarsest level cannot see is looked for where windows are left
+//! `next` ([`light`], [`relight`], [`photometric_align`]). Motion that the coarsest level cannot see is looked for where windows are left
 //! without a match ([`large_motion`]), and where some are they are compared with every place that they may have moved to
 //! ([`block_matching`]). Whether either may be called for is asked beside the coarsest levels ([`looks`]). The
 //! last step or round also judges how well its windows fit ([`confidence`]), a coarse level says whether the flow is supported
@@ -43,6 +43,7 @@ macro_rules! by_radius {
 }
 
 mod block_matching;
+mod box_mean;
 mod chance;
 mod coarse_to_fine;
 mod confidence;
@@ -51,20 +52,24 @@ mod field;
 mod fill;
 mod gaps;
 mod half_round;
+mod half_sweep;
 mod hot_pixels;
 mod large_motion;
 mod levels;
 mod light;
 mod looks;
 mod lost_windows;
+mod measure;
 mod median;
 mod moments;
 mod options;
 mod padded_plane;
 mod photometric_align;
 mod propagate;
+mod recipe;
 mod refine;
 mod relax;
+mod relight;
 mod snapshot;
 mod source;
 mod step;
@@ -81,21 +86,19 @@ mod window_correlation;
 mod windows;
 mod workspace;
 
-use ndarray::ArrayView2;
-
 use crate::error::{Error, Result};
 use crate::execution::Execution;
-use crate::frame::{Frame, Pixel, expect_size, pixels_of, scale_by};
+use crate::frame::{Frame, Pixel, expect_size, pixels_of};
 use crate::parallel::{both, within_pool};
 
 pub use field::FlowField;
-pub use options::{DenseHints, DenseOptions, Preset};
+pub use options::{DenseHints, DenseOptions};
+pub use recipe::Preset;
 pub use snapshot::DenseSnapshot;
 
 use hot_pixels::greys_without;
-use levels::CoarseToFine;
+use measure::measure;
 use source::{Reading, Source};
-use windows::Views;
 use workspace::Workspace;
 
 /// A level is not halved below this, in pixels of its shorter side: the windows of the coarsest level must stay small
@@ -202,7 +205,7 @@ impl DenseFlow {
     ) -> Result<bool> {
         let primed = std::mem::replace(&mut self.primed, false);
         pixels_of("frame", frame.dim())?;
-        let hints = checked(frame.dim(), hints)?;
+        let hints = hints.checked(frame.dim())?;
         if primed {
             std::mem::swap(&mut self.prev, &mut self.next);
             let before = &self.prev.pyramid.levels()[0];
@@ -255,7 +258,7 @@ impl DenseFlow {
         self.primed = false;
         expect_size("next", next.dim(), "prev", prev.dim())?;
         pixels_of("prev", prev.dim())?;
-        let hints = checked(prev.dim(), hints)?;
+        let hints = hints.checked(prev.dim())?;
         let execution = self.execution(prev.len());
         let side = self.options.recipe.smoothing_side();
         let measured = within_pool(&execution, || {
@@ -339,125 +342,12 @@ impl DenseFlow {
             memory,
             ..
         } = self;
-        let base = &prev.pyramid.levels()[0];
-        let (width, height) = (base.width(), base.height());
-        field.resize(width, height)?;
-        if options.covariance {
-            field.resize_covariance()?;
-        } else {
-            field.covariance = Vec::new();
-        }
-        if width < 2 || height < 2 {
-            field.clear();
-            return Ok(());
-        }
-        let counts = Some(&prev.counts).filter(|plane| plane.width() > 0);
-        let weighted = hints.mask.is_some() || counts.is_some();
-        if weighted {
-            weights::given(hints.mask, counts, (width, height), &mut memory.given)?;
-            weights::pyramid(&memory.given, &prev.pyramid, &mut memory.weights)?;
-        }
-        // A power of two: dividing by it is exact.
-        let unit = prev.scale.recip();
-        let mut descent = CoarseToFine {
-            options,
-            execution,
-            prev: &mut prev.pyramid,
-            next: &next.pyramid,
-            ranges: [&prev.greys, &next.greys].map(|greys| greys.range(next.scale)),
-            weighted,
-            first: 0,
-            found: false,
-            guessing: false,
-            short: false,
-            judged: false,
-            memory: &mut *memory,
-        };
-        let lit = descent.run(hints)?;
-        let is_weighted = descent.weighted;
-        if let Some(halvings) = lit {
-            field.gain.copy_of(&memory.light.gain)?;
-            field.offset.copy_of(&memory.light.offset)?;
-            scale_by(field.offset.data_mut(), unit);
-            field.halvings = halvings;
-        }
-        let Workspace {
-            flow: [u, v],
-            halved,
-            weights,
-            given,
-            judged,
-            support,
-            trend,
-            counts,
-            near,
-            cells,
-            ..
-        } = memory;
-        let input = Views {
-            prev: &prev.pyramid.levels()[0],
-            next: &next.pyramid.levels()[0],
-            u,
-            v,
-            halved: *halved,
-            weight: is_weighted.then(|| &weights[0]),
-        };
-        let given = weighted.then_some(&*given);
-        let bad = if next.counts.width() > 0 {
-            weights::near_uncounted(&next.counts, validity::RADIUS, near)?;
-            Some(near.as_slice())
-        } else {
-            None
-        };
-        let slopes = trend.slopes;
-        validity::mark(
-            input,
-            (&*judged, &support.fit),
-            (given, bad),
-            (slopes, unit),
-            field,
-            execution,
-        )?;
-        if let Some(most) = options.max_displacement {
-            validity::refuse_longer(field, most);
-        }
-        chance::clear(field, judged, counts)?;
-        if options.covariance {
-            let of_recipe = (options.recipe.finest, options.recipe.covariance);
-            let of_windows = (&*judged, &prev.pyramid.levels()[0]);
-            covariance::write(field, of_windows, of_recipe, cells, execution)?;
-        }
-        Ok(())
+        measure(options, (prev, next), memory, hints, execution, field)
     }
 }
 
 /// Frames of fewer pixels are measured on the caller's thread: nothing of them is divided.
 const SHARED: usize = 1 << 14;
-
-/// The hints without masks that leave nothing out.
-fn checked((height, width): (usize, usize), hints: DenseHints<'_>) -> Result<DenseHints<'_>> {
-    for (name, mask) in [("mask", hints.mask), ("next_mask", hints.next_mask)] {
-        if let Some(mask) = mask {
-            expect_size(name, mask.dim(), "the frames", (height, width))?;
-        }
-    }
-    if let Some(initial) = hints.initial
-        && initial.dim() != (height, width, 2)
-    {
-        let (h, w, d) = initial.dim();
-        return Err(Error::shape(
-            "initial",
-            format!("({h}, {w}, {d})"),
-            format!("({height}, {width}, 2)"),
-        ));
-    }
-    let leaves_out = |mask: &ArrayView2<'_, bool>| mask.iter().any(|counts| !counts);
-    Ok(DenseHints {
-        mask: hints.mask.filter(leaves_out),
-        next_mask: hints.next_mask.filter(leaves_out),
-        ..hints
-    })
-}
 
 #[cfg(test)]
 mod tests;

@@ -13,11 +13,13 @@
 //! `docs/algorithms.md`, section "Refinement".
 #![allow(clippy::needless_range_loop, reason = "several arrays run along")]
 
+use std::ops::Range;
+
 use crate::error::Result;
 use crate::execution::Execution;
-use crate::parallel::{EvenRows, for_each_band};
+use crate::parallel::{EvenRows, RowsMut, for_each_band};
 use crate::scratch::with_scratch;
-use crate::simd::{Floats, Kernel, LANES, Simd, blocks, blocks_mut, dispatch};
+use crate::simd::{Floats, Kernel, LANES, Simd, SimdLevel, blocks, blocks_mut, dispatch};
 
 use super::padded_plane::{self, PAD, PaddedPlane};
 use super::relax::Rows;
@@ -72,6 +74,9 @@ impl RoundOptions {
     }
 }
 
+/// Rows of [`Judged`] that belong to a band.
+type JudgedRows<'a> = (EvenRows<'a, f32>, EvenRows<'a, f32>, EvenRows<'a, f32>);
+
 /// Write to `to` the flow of `views` after one round; `judged` becomes what the windows say of it.
 pub(super) fn round(
     views: Views<'_>,
@@ -119,47 +124,14 @@ pub(super) fn round(
             with_scratch(size + size_of_rows, |memory| {
                 let (memory, system) = memory.split_at_mut(size);
                 for columns in strips.clone() {
-                    let (memory, system) = (&mut *memory, &mut *system);
-                    let mut windows =
-                        Windows::new(level, views, columns, options.windows(), memory);
-                    let size = (columns.computed(), height);
-                    let relaxed = (recipe.relaxation, options.slopes);
-                    let mut rows = Rows::new(level, size, halves, relaxed, system);
-                    let first = band.start.saturating_sub(halves);
-                    let last = (band.end + halves).min(height);
-                    windows.start(first);
-                    for lead in first..last + halves + 1 {
-                        if lead < last {
-                            let sums = windows.row(lead);
-                            let near = [lead.saturating_sub(1), lead, (lead + 1).min(height - 1)];
-                            let flow = [views.u, views.v]
-                                .map(|grid| near.map(|y| &grid.padded(y)[columns.from..]));
-                            let to = rows.next(lead);
-                            let judged = judged
-                                .as_mut()
-                                .filter(|_| lead % 2 == 0 && band.contains(&lead))
-                                .map(|(fit, bearable, misfit)| {
-                                    [fit, bearable, misfit]
-                                        .map(|grid| &mut grid.row_mut(lead)[columns.start / 2..])
-                                });
-                            by_radius!(recipe.radius, SIZE => dispatch(level, Prepare::<SIZE> {
-                                sums,
-                                flow,
-                                options,
-                                to,
-                                columns,
-                                judged,
-                            }));
-                            rows.border(lead);
-                        }
-                        if let Some(done) = rows.follow(lead, &band, halves) {
-                            let (u, v) = (
-                                to_u.row_mut(done - band.start),
-                                to_v.row_mut(done - band.start),
-                            );
-                            rows.write(done, columns, [u, v].map(|row| &mut row[columns.start..]));
-                        }
-                    }
+                    relax_strip(
+                        level,
+                        (views, options),
+                        (&band, columns),
+                        [&mut *memory, &mut *system],
+                        [&mut to_u, &mut to_v],
+                        judged.as_mut(),
+                    );
                 }
             })?;
             for local in 0..band.len() {
@@ -170,6 +142,54 @@ pub(super) fn round(
             Ok(())
         },
     )
+}
+
+/// Write rows `band` of the columns that are wanted of a strip; `memory` is of its windows and of its system.
+fn relax_strip(
+    level: SimdLevel,
+    (views, options): (Views<'_>, &RoundOptions),
+    (band, columns): (&Range<usize>, Columns),
+    [memory, system]: [&mut [f32]; 2],
+    [to_u, to_v]: [&mut RowsMut<'_, f32>; 2],
+    mut judged: Option<&mut JudgedRows<'_>>,
+) {
+    let recipe = &options.recipe;
+    let (height, halves) = (views.prev.height(), 2 * options.sweeps);
+    let mut windows = Windows::new(level, views, columns, options.windows(), memory);
+    let size = (columns.computed(), height);
+    let relaxed = (recipe.relaxation, options.slopes);
+    let mut rows = Rows::new(level, size, halves, relaxed, system);
+    let first = band.start.saturating_sub(halves);
+    let last = (band.end + halves).min(height);
+    windows.start(first);
+    for lead in first..last + halves + 1 {
+        if lead < last {
+            let sums = windows.row(lead);
+            let near = [lead.saturating_sub(1), lead, (lead + 1).min(height - 1)];
+            let flow = [views.u, views.v].map(|grid| near.map(|y| &grid.padded(y)[columns.from..]));
+            let to = rows.next(lead);
+            let judged = judged
+                .as_mut()
+                .filter(|_| lead % 2 == 0 && band.contains(&lead))
+                .map(|(fit, bearable, misfit)| {
+                    [fit, bearable, misfit].map(|grid| &mut grid.row_mut(lead)[columns.start / 2..])
+                });
+            by_radius!(recipe.radius, SIZE => dispatch(level, Prepare::<SIZE> {
+                sums,
+                flow,
+                options,
+                to,
+                columns,
+                judged,
+            }));
+            rows.border(lead);
+        }
+        if let Some(done) = rows.follow(lead, band, halves) {
+            let local = done - band.start;
+            let to = [to_u.row_mut(local), to_v.row_mut(local)];
+            rows.write(done, columns, to.map(|row| &mut row[columns.start..]));
+        }
+    }
 }
 
 /// The parts of the equations of a row that do not depend on its neighbours.

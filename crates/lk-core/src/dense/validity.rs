@@ -40,16 +40,11 @@ pub(super) fn mark(
     // From an element of the grids to the next, before their values are multiplied.
     let step = views.halved.map_or(1.0, |scale| 2.0 / scale);
     let slopes = slopes.map(|axis| axis.map(|slope| slope * step));
-    let outputs = (
-        RowsMut::new(&mut field.uv, 2 * width),
-        RowsMut::new(&mut field.valid, width),
-        RowsMut::new(&mut field.residual, width),
-    );
     for_each_band(
         execution,
         height,
         even_bands(execution, height, [16_384 / width, 4_096 / width]),
-        outputs,
+        rows_of(field),
         |rows, (mut uv, mut valid, mut residual)| {
             with_scratch(6 * stride, |memory| {
                 let (row_of_flow, rest) = memory.split_at_mut(2 * stride);
@@ -60,25 +55,12 @@ pub(super) fn mark(
                 for (local, y) in rows.enumerate() {
                     if local == 0 || y % 2 == 0 {
                         let upper = y / 2;
-                        // On grids of half the size, of two rows and columns of theirs: 4 pixels.
-                        let reach = reach(views.halved);
-                        let place = match views.halved {
-                            Some(_) => upper,
-                            None => 2 * upper,
-                        };
-                        let near = [
-                            place.saturating_sub(reach),
-                            place,
-                            (place + reach).min(views.u.height() - 1),
-                        ];
-                        if support.height() > 0
-                            && (local == 0 || (upper + APART / 2).is_multiple_of(APART))
-                        {
+                        if local == 0 || (upper + APART / 2).is_multiple_of(APART) {
                             spread_support(support, upper, &mut supported[PAD..]);
                         }
                         let kernel = Spread {
                             width,
-                            flow: [views.u, views.v].map(|grid| near.map(|y| grid.padded(y))),
+                            flow: rows_around(&views, upper),
                             halved: views.halved,
                             slopes,
                             unit,
@@ -102,37 +84,73 @@ pub(super) fn mark(
                     let (uv, _) = uv.row_mut(local).as_chunks_mut::<2>();
                     let (valid, residual) = (valid.row_mut(local), residual.row_mut(local));
                     residual.copy_from_slice(&misfit[PAD..PAD + width]);
-                    let [u, v] = flow.map(|row| &row[PAD..PAD + width]);
+                    let flow = flow.map(|row| &row[PAD..PAD + width]);
                     let kernel = Write {
-                        flow: [u, v],
+                        flow,
                         flags: &row_of_flags[PAD..PAD + width],
                         uv: &mut *uv,
                         valid: &mut *valid,
                     };
                     dispatch(level, kernel);
                     if let Some(weight) = given {
-                        for (x, weight) in weight.row(y).iter().enumerate() {
-                            if *weight == 0.0 {
-                                uv[x] = [f32::NAN; 2];
-                                residual[x] = f32::NAN;
-                                valid[x] = false;
-                            }
-                        }
+                        blank(weight.row(y), uv, residual, valid);
                     }
                     if let Some(bad) = bad {
-                        for x in 0..width {
-                            if valid[x] {
-                                // It is inside: what is valid stays within the picture.
-                                let [to_x, to_y] = [x as f32 + u[x], y as f32 + v[x]]
-                                    .map(|at| (at + 0.5) as usize);
-                                valid[x] = bad[to_y * width + to_x] == 0;
-                            }
-                        }
+                        refuse_bad(bad, y, flow, valid);
                     }
                 }
             })
         },
     )
+}
+
+/// The flow, whether it is valid, and the residual of each row.
+fn rows_of(field: &mut FlowField) -> (RowsMut<'_, f32>, RowsMut<'_, bool>, RowsMut<'_, f32>) {
+    let width = field.width;
+    (
+        RowsMut::new(&mut field.uv, 2 * width),
+        RowsMut::new(&mut field.valid, width),
+        RowsMut::new(&mut field.residual, width),
+    )
+}
+
+/// Rows of u and v around that of judgements `upper`: as far above and below as no edge may be.
+fn rows_around<'a>(views: &Views<'a>, upper: usize) -> [[&'a [f32]; 3]; 2] {
+    // On grids of half the size, of two rows and columns of theirs: 4 pixels.
+    let reach = reach(views.halved);
+    let place = match views.halved {
+        Some(_) => upper,
+        None => 2 * upper,
+    };
+    let near = [
+        place.saturating_sub(reach),
+        place,
+        (place + reach).min(views.u.height() - 1),
+    ];
+    [views.u, views.v].map(|grid| near.map(|y| grid.padded(y)))
+}
+
+/// What has no weight was not to be measured.
+fn blank(weights: &[f32], uv: &mut [[f32; 2]], residual: &mut [f32], valid: &mut [bool]) {
+    for (x, weight) in weights.iter().enumerate() {
+        if *weight == 0.0 {
+            uv[x] = [f32::NAN; 2];
+            residual[x] = f32::NAN;
+            valid[x] = false;
+        }
+    }
+}
+
+/// What leads from row `y` to where `bad` is not 0 is not valid.
+fn refuse_bad(bad: &[u8], y: usize, [u, v]: [&[f32]; 2], valid: &mut [bool]) {
+    let width = valid.len();
+    for x in 0..width {
+        if valid[x] {
+            // It is inside: what is valid stays within the picture.
+            let [to_x, to_y] = [x as f32 + u[x], y as f32 + v[x]].map(|at| (at + 0.5) as usize);
+            valid[x] = bad[to_y * width + to_x] == 0;
+        }
+    }
 }
 
 /// What is longer than `most` is not valid.
@@ -216,8 +234,11 @@ fn reach(halved: Option<f32>) -> usize {
     }
 }
 
-/// Write what `support` says of the pixels of row `y` of the grid of judgements.
+/// Write what `support` says of the pixels of row `y` of the grid of judgements, if it says anything.
 fn spread_support(support: &PaddedPlane, y: usize, to: &mut [f32]) {
+    if support.height() == 0 {
+        return;
+    }
     let nearest = |at: usize, size: usize| ((at + APART / 2) / APART).min(size - 1);
     let row = support.row(nearest(y, support.height()));
     for (x, to) in to.iter_mut().enumerate() {

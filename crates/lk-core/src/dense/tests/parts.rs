@@ -31,31 +31,38 @@ pub(super) fn at(grid: &PaddedPlane, y: isize, x: isize) -> f32 {
     grid.row(clamp(y, grid.height()))[clamp(x, grid.width())]
 }
 
-/// What a window says, by its definition, in f64: pixels that count, then the means gx gx, gx gy, gy gy, gx d, gy d, d d.
-pub(super) fn reference_moments(
+/// A bilinear sample, in f64; beyond the border the picture goes on as it is there.
+fn sample(plane: &Plane, x: f64, y: f64) -> f64 {
+    let (width, height) = (plane.width(), plane.height());
+    let (x, y) = (
+        x.clamp(0.0, (width - 1) as f64),
+        y.clamp(0.0, (height - 1) as f64),
+    );
+    let (column, row) = ((x as usize).min(width - 2), (y as usize).min(height - 2));
+    let (fx, fy) = (x - column as f64, y - row as f64);
+    let value = |dy: usize, dx: usize| f64::from(plane.row(row + dy)[column + dx]);
+    (1.0 - fy) * ((1.0 - fx) * value(0, 0) + fx * value(0, 1))
+        + fy * ((1.0 - fx) * value(1, 0) + fx * value(1, 1))
+}
+
+/// What a bilinear sample lacks in phase, along one axis, of five pixels of `prev` and the flow.
+fn lacks([a, b, c, d]: [f32; 4], flow: f32) -> f64 {
+    let f = f64::from(flow - flow.floor());
+    let third = 0.5 * f64::from(d - a) - f64::from(c - b);
+    f * (1.0 - f) * (1.0 - 2.0 * f) / 6.0 * third
+}
+
+/// The pixels of a window that count: gx, gy, d, by their definition, in f64.
+fn reference_window(
     views: Views<'_>,
-    Made {
-        radius,
-        centred,
-        rephased,
-    }: Made,
+    radius: usize,
+    rephased: bool,
     (y, x): (usize, usize),
-) -> [f64; 7] {
+) -> Vec<[f64; 3]> {
     let Views {
         prev, next, u, v, ..
     } = views;
     let (width, height) = (prev.width(), prev.height());
-    let sample = |x: f64, y: f64| {
-        let (x, y) = (
-            x.clamp(0.0, (width - 1) as f64),
-            y.clamp(0.0, (height - 1) as f64),
-        );
-        let (column, row) = ((x as usize).min(width - 2), (y as usize).min(height - 2));
-        let (fx, fy) = (x - column as f64, y - row as f64);
-        let value = |dy: usize, dx: usize| f64::from(next.row(row + dy)[column + dx]);
-        (1.0 - fy) * ((1.0 - fx) * value(0, 0) + fx * value(0, 1))
-            + fy * ((1.0 - fx) * value(1, 0) + fx * value(1, 1))
-    };
     // The place is rounded to f32 as the fast one is: at a border that decides what counts.
     let place = |y: usize, x: usize| {
         (
@@ -63,15 +70,9 @@ pub(super) fn reference_moments(
             f64::from(y as f32 + v.row(y)[x]),
         )
     };
-    // What a bilinear sample lacks in phase, along one axis, of five pixels of `prev` and the fraction of the flow.
-    let lacks = |[a, b, c, d]: [f32; 4], flow: f32| {
-        let f = f64::from(flow - flow.floor());
-        let third = 0.5 * f64::from(d - a) - f64::from(c - b);
-        f * (1.0 - f) * (1.0 - 2.0 * f) / 6.0 * third
-    };
     let warped = |y: usize, x: usize| {
         let (at_x, at_y) = place(y, x);
-        let mut value = sample(at_x, at_y);
+        let mut value = sample(next, at_x, at_y);
         let pixel = |y: usize, x: usize| prev.row(y)[x];
         if rephased && x >= 2 && x + 2 < width {
             let near = [x - 2, x - 1, x + 1, x + 2].map(|x| pixel(y, x));
@@ -96,6 +97,20 @@ pub(super) fn reference_moments(
             window.push([gx, gy, warped(y, x) - f64::from(prev.row(y)[x])]);
         }
     }
+    window
+}
+
+/// What a window says, by its definition, in f64: pixels that count, then the means gx gx, gx gy, gy gy, gx d, gy d, d d.
+pub(super) fn reference_moments(
+    views: Views<'_>,
+    Made {
+        radius,
+        centred,
+        rephased,
+    }: Made,
+    place: (usize, usize),
+) -> [f64; 7] {
+    let window = reference_window(views, radius, rephased, place);
     let n = window.len().max(1) as f64;
     let mean = |k: usize| {
         if centred {

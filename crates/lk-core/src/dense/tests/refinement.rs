@@ -3,9 +3,9 @@
 use proptest::prelude::*;
 
 use super::super::confidence::{self, Judged};
-use super::super::options::RefineRecipe;
 use super::super::padded_plane::PaddedPlane;
-use super::super::refine::RoundOptions;
+use super::super::recipe::REFINE;
+use super::super::refine::{RefineRecipe, RoundOptions};
 use super::super::step::StepOptions;
 use super::super::windows::{Made, Views};
 use super::super::{half_round, refine, step, upsample};
@@ -19,7 +19,7 @@ fn round_options(radius: usize, sweeps: usize, slope: f32) -> RoundOptions {
         recipe: RefineRecipe {
             radius,
             relaxation: 1.6,
-            ..RefineRecipe::default()
+            ..REFINE
         },
         sweeps,
         centred: true,
@@ -27,22 +27,31 @@ fn round_options(radius: usize, sweeps: usize, slope: f32) -> RoundOptions {
     }
 }
 
-/// One round at one pixel in `apart` x `apart` by its definition, in f64; `scale` is what the flow is multiplied by, `flow`
-/// that of all pixels.
-fn reference_round(
+/// The equations of a round, in f64: of each pixel half the weight of smoothness, and the matrix of the data (xx, xy, yy) with
+/// its right side.
+struct System {
+    smooth: Vec<f64>,
+    data: Vec<[f64; 5]>,
+}
+
+/// The flow that a round at one pixel in `apart` x `apart` begins with, and its equations by their definition; `scale` is
+/// what the flow is multiplied by.
+fn reference_system(
     views: Views<'_>,
     [u, v]: [&PaddedPlane; 2],
     options: &RoundOptions,
     (apart, scale): (usize, f64),
-) -> Vec<[f64; 2]> {
+) -> (Vec<[f64; 2]>, System) {
     let recipe = &options.recipe;
     let (width, height) = (u.width(), u.height());
-    let index = |y: usize, x: usize| y * width + x;
     let square = |value: f32| f64::from(value) * f64::from(value);
     let step = apart as f64;
     let slopes = options.slopes.map(|axis| axis.map(f64::from));
     let mut flow = Vec::new();
-    let (mut smooth, mut system) = (Vec::new(), Vec::new());
+    let mut system = System {
+        smooth: Vec::new(),
+        data: Vec::new(),
+    };
     for y in 0..height {
         for x in 0..width {
             let (own_u, own_v) = (f64::from(u.row(y)[x]), f64::from(v.row(y)[x]));
@@ -64,10 +73,12 @@ fn reference_round(
             let strength =
                 0.5 * f64::from(recipe.alpha) * square(recipe.edge_scale) / (step * step);
             let spread = (rough + square(recipe.smooth_epsilon)).sqrt();
-            smooth.push(strength / ((square(recipe.edge_scale) + xx + yy) * spread));
+            system
+                .smooth
+                .push(strength / ((square(recipe.edge_scale) + xx + yy) * spread));
             let share = 1.0 / (xx + yy + f64::from(recipe.trace_floor));
             let data = share / (dd.max(0.0) * share + square(recipe.data_epsilon));
-            system.push([
+            system.data.push([
                 xx * data,
                 xy * data,
                 yy * data,
@@ -76,6 +87,23 @@ fn reference_round(
             ]);
         }
     }
+    (flow, system)
+}
+
+/// One round at one pixel in `apart` x `apart` by its definition, in f64; `scale` is what the flow is multiplied by, `flow`
+/// that of all pixels.
+fn reference_round(
+    views: Views<'_>,
+    grids: [&PaddedPlane; 2],
+    options: &RoundOptions,
+    (apart, scale): (usize, f64),
+) -> Vec<[f64; 2]> {
+    let (width, height) = (grids[0].width(), grids[0].height());
+    let index = |y: usize, x: usize| y * width + x;
+    let step = apart as f64;
+    let slopes = options.slopes.map(|axis| axis.map(f64::from));
+    let (mut flow, System { smooth, data }) =
+        reference_system(views, grids, options, (apart, scale));
     // The neighbour's place, mirrored, and which way it lies.
     let beside = |place: usize, side: isize, size: usize| {
         let moved = place as isize + side;
@@ -94,7 +122,7 @@ fn reference_round(
                     continue;
                 }
                 let here = index(y, x);
-                let [a, b, c, bu, bv] = system[here];
+                let [a, b, c, bu, bv] = data[here];
                 let (mut joined, mut right) = (0.0, [bu, bv]);
                 for (along, side) in [(0, -1), (0, 1), (1, -1), (1, 1)] {
                     let (near, mirrored) = if along == 0 {
@@ -119,7 +147,7 @@ fn reference_round(
                     (c * right[0] - b * right[1]) / det,
                     (a * right[1] - b * right[0]) / det,
                 ];
-                let relaxation = f64::from(recipe.relaxation);
+                let relaxation = f64::from(options.recipe.relaxation);
                 for axis in 0..2 {
                     let now = flow[here][axis];
                     flow[here][axis] = now + relaxation * (solved[axis] - now);

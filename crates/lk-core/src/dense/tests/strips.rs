@@ -1,8 +1,8 @@
 //! Wide pictures are measured in strips: a strip's sides must not show.
 
 use super::super::confidence::Judged;
-use super::super::options::RefineRecipe;
 use super::super::padded_plane::{self, PAD, PaddedPlane};
+use super::super::recipe::REFINE;
 use super::super::refine::RoundOptions;
 use super::super::step::StepOptions;
 use super::super::windows::Views;
@@ -66,7 +66,7 @@ fn measured(
     let [mut u, mut v] = <[PaddedPlane; 2]>::default();
     let mut judged = Judged::default();
     let options = RoundOptions {
-        recipe: RefineRecipe::default(),
+        recipe: REFINE,
         sweeps: 3,
         centred: true,
         slopes: [[0.02, 0.01], [-0.03, 0.0]],
