@@ -145,7 +145,13 @@ def fit(points: F64, vectors: F64) -> CameraMotion:
         np.minimum((residual / sigma) ** 2, _BOUND).sum() + parameters * math.log(2 * len(p))
         for _, parameters, _, residual in fits
     ]
-    name, _, model, residual = fits[int(np.argmin(evidence))]
+    best = fits[int(np.argmin(evidence))]
+    # Errors of neighbouring vectors are alike: what a richer model explains by less than flow can tell is no motion.
+    name, _, model, residual = next(
+        simple
+        for simple in fits
+        if simple is best or np.sqrt(np.mean((apply(simple[2], p) - apply(best[2], p)) ** 2)) * size < _LEAST_SIGMA_PX
+    )
     to_unit = np.array([[1 / size, 0, -centre[0] / size], [0, 1 / size, -centre[1] / size], [0, 0, 1]])
     homography = np.linalg.inv(to_unit) @ model @ to_unit
     homography /= homography[2, 2]
