@@ -45,6 +45,13 @@ def test_every_result_prints_itself_in_three_lines(name, files):
     assert not re.search(r"object at 0x|array\(", repr(result))
 
 
+@pytest.mark.parametrize("name", CLASSES)
+def test_every_result_can_be_compared_and_be_a_key(name, files):
+    result, other = made(name, files), made(name, files)
+    assert isinstance(result == other, bool)
+    assert len({result, other}) == (1 if result == other else 2)
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_a_notebook_shows_a_small_picture(name, files):
     result = made(name, files)

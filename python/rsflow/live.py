@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["LiveReading", "readings"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LiveReading:
     """The motion from the frame before to this one.
 

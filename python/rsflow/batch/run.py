@@ -49,7 +49,7 @@ class BatchStatus(WordStatus):
     CANCELLED = "cancelled", "It was never begun."
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BatchItem:
     """What became of one source of a batch.
 

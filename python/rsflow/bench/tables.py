@@ -50,7 +50,7 @@ class Row:
     time_ms: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Bench:
     """All rows of a run, and what it ran on.
 

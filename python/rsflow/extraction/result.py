@@ -17,7 +17,7 @@ from . import columns
 __all__ = ["Extraction", "ExtractionInterrupted", "PartialExtractionError"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Extraction:
     """The files of one extraction and its key figures.
 

@@ -33,7 +33,7 @@ def report() -> Mapping[str, Any]:
     return dict(json.loads(text))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FocalLength:
     """The focal length in pixels that the report's printed velocities follow from.
 

@@ -86,7 +86,7 @@ class MovingObject:
         return np.asarray((np.abs(a) <= 1.0) & (np.abs(b) <= 1.0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Flight:
     """Frames of a flight and the truth about it.
 

@@ -29,7 +29,7 @@ OVERSAMPLE = 2
 TURN_DEG, LOG_ZOOM, WITH_PX = 6.0, 0.06, 27.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LayersPair:
     """Two frames of things that move over each other, and where each pixel of the first one went.
 

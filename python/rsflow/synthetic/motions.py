@@ -122,7 +122,7 @@ class Part:
         return np.asarray((x >= left) & (x < left + width) & (y >= top) & (y < top + height))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MotionsPair:
     """Two frames of a scene whose parts move each in its own way.
 

@@ -90,7 +90,7 @@ def _deviation(spectrum: NDArray[np.complex128], shape: tuple[int, int]) -> floa
     return float(np.sqrt(total)) / (shape[0] * shape[1]) or 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Texture:
     """A texture without end: periodic, and known at every point of the plane.
 
@@ -218,7 +218,7 @@ def _make(kind: str, seed: int, period: int, oversample: float) -> Texture:
     return Texture(coefficients, size / period)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ShiftedPair:
     """Two frames of one scene, the second displaced by exactly (dx, dy).
 

@@ -42,7 +42,7 @@ class VelocityStatus(Status):
     NO_GROUND = 8, "The camera does not look at the ground, or less than 10 degrees below its horizon."
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Velocity:
     """Velocity of the camera over the ground in one interval, in the body frame half-way through.
 

@@ -50,7 +50,7 @@ _PAUSE = 10.0
 _ROUNDING_S = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Heights:
     """Heights over the ground by time or by frame, as a CSV file has them.
 
