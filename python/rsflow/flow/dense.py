@@ -41,7 +41,8 @@ def dense_flow(
     Parameters
     ----------
     prev, next : ndarray (H, W) of uint8, uint16 or float32
-        The two frames, grey, of the same size and type.
+        The two frames, grey, of the same size and type. Pixels that are not finite count for nothing, and so do single
+        ones far outside of the grey levels of the others (hot pixels), up to one in 10,000: mask more than that.
     preset : {"ultrafast", "fast", "balanced", "accurate"}
         How much time to take for how much accuracy. ``ultrafast`` measures at half the size and interpolates.
     illumination : {"none", "offset", "gain_offset"}
