@@ -163,7 +163,12 @@ const FAST: Recipe = Recipe {
         ..BASE.covariance
     },
     fine: [
-        LevelRecipe { sweeps: 4, ..LEVEL },
+        LevelRecipe {
+            steps: 1,
+            sparse: 1,
+            sweeps: 6,
+            ..LEVEL
+        },
         LevelRecipe {
             steps: 1,
             sparse: 1,
