@@ -172,7 +172,7 @@ const FAST: Recipe = Recipe {
         LevelRecipe {
             steps: 1,
             sparse: 1,
-            sweeps: 6,
+            sweeps: 10,
             ..LEVEL
         },
         QUICK,
