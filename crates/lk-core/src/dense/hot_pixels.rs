@@ -51,11 +51,9 @@ fn without<T: Pixel>(
         .map(|(y, x)| level(y, x))
         .collect();
     let outside = (OUTSIDE * samples.len() as f64) as usize;
-    samples.sort_unstable_by(f32::total_cmp);
-    let (least, most) = (
-        *samples.get(outside)?,
-        *samples.get(samples.len() - 1 - outside)?,
-    );
+    let last = samples.len().checked_sub(1 + outside)?;
+    let [least, most] =
+        [outside, last].map(|at| *samples.select_nth_unstable_by(at, f32::total_cmp).1);
     let far = FAR * (most - least);
     let limits = [least - far, most + far];
     let is_beyond = |value: f32| value.is_finite() && !(limits[0]..=limits[1]).contains(&value);

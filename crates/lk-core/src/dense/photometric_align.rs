@@ -12,8 +12,9 @@ use super::weights;
 use super::windows::Views;
 use super::workspace::Workspace;
 
-/// Light may have changed where the logarithm of the gain exceeds this once windows are compared along the flow, and for what they say beyond the trend. On photographs and drawings a gain
-/// of 0.9 has 0.1, lens shading of 30 % 0.05 and 0.03 at least, and steady light 0.06 and 0.02 at most where the flow is right.
+/// Light may have changed where the logarithm of the gain exceeds this once windows are compared along the flow: that of its
+/// trend, or what windows say beyond it. On photographs and drawings a gain of 0.9 has 0.1, lens shading of 30 % 0.05 and 0.03 at
+/// least, and steady light 0.06 and 0.02 at most where the flow is right.
 const DIFFERS: [f64; 2] = [0.06, 0.03];
 /// Light is taken to have changed where that leaves less than this share of the misfit.
 const CHANGED: f64 = 0.9;
@@ -52,8 +53,8 @@ impl CoarseToFine<'_> {
             return Ok(None);
         }
         let mut least = CHANGED * before;
-        let mut lit = None;
-        let mut best_short = false;
+        // Whether the best flow in changed light began at rest, if there is one.
+        let mut best: Option<bool> = None;
         self.memory.keep_steady()?;
         self.memory.keep_flow();
         let levels = &self.prev.levels()[first..];
@@ -74,11 +75,10 @@ impl CoarseToFine<'_> {
                 plane.copy_of(kept)?;
             }
             let misfit = self.memory.misfit();
-            let other = if lit.is_some() { OTHER } else { 1.0 };
+            let other = if best.is_some() { OTHER } else { 1.0 };
             if misfit < other * least {
                 least = misfit;
-                lit = Some(first);
-                best_short = *short;
+                best = Some(*short);
                 self.memory.keep_flow();
                 let Workspace {
                     light, best_light, ..
@@ -94,16 +94,16 @@ impl CoarseToFine<'_> {
             light, best_light, ..
         } = &mut *self.memory;
         std::mem::swap(light, best_light);
-        if lit.is_some() && least > DOUBTFUL * before && !self.light_explains_more(first)? {
-            lit = None;
+        if best.is_some() && least > DOUBTFUL * before && !self.light_explains_more(first)? {
+            best = None;
         }
-        if lit.is_some() {
-            self.short = best_short;
+        if let Some(short) = best {
+            self.short = short;
             self.relight_all(first)?;
             self.coarse(first, hints, false)?;
         }
         self.short = false;
-        Ok(lit)
+        Ok(best.map(|_| first))
     }
 
     /// Whether the light differs along the flow so far, by more than an offset. Windows that are compared where they stand differ
