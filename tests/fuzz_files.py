@@ -24,7 +24,7 @@ import numpy as np
 
 import rsflow
 from rsflow.io import read_flow_times
-from rsflow.velocity import Heights
+from rsflow.velocity import Attitudes, Heights, Rates
 
 SIZE = (40, 30)
 GROWTH_BYTES = 2**30
@@ -129,6 +129,18 @@ def text_files(folder: Path) -> None:
     (folder / "times_a.csv").write_text("frame,t_s\n" + "".join(f"{k},{t}\n" for k, t, _ in rows))
     (folder / "times_b.csv").write_text("# made\r\nt_ms\r\n" + "".join(f"{1000 * t:g}\r\n" for _, t, _ in rows))
     (folder / "heights_a.csv").write_text("t_s;height_m\n" + "".join(f"{t};{h:.3f}\n" for _, t, h in rows))
+    (folder / "rates_a.csv").write_text(
+        "timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2],gyro_integral_dt\n"
+        + "".join(f"{1e6 * t:g},{h},0,0.1,4000\n" for _, t, h in rows)
+    )
+    (folder / "rates_b.csv").write_text(
+        "timestamp,TimeUS,I,GyrX,GyrY,GyrZ\n" + "".join(f"1,{1e6 * t:g},{k % 2},{h},0,0.1\n" for k, t, h in rows)
+    )
+    (folder / "attitudes_a.csv").write_text("t_s,qw,qx,qy,qz\n" + "".join(f"{t},1,0,0,0\n" for _, t, _ in rows))
+    (folder / "attitudes_b.csv").write_text("TimeUS,Roll,Pitch\n" + "".join(f"{1e6 * t:g},{h},0\n" for _, t, h in rows))
+    (folder / "heights_c.csv").write_text(
+        "timestamp,current_distance,variance,orientation\n" + "".join(f"{1e6 * t:g},{h},0.01,25\n" for _, t, h in rows)
+    )
     (folder / "heights_b.csv").write_text("frame,height_m\n" + "".join(f"{k},{h:.3f}\n" for k, _, h in rows))
 
 
@@ -147,11 +159,21 @@ def read_times(path: Path) -> None:
     list(rsflow.frames([np.zeros((4, 6), np.uint8)] * 12, times=path))
 
 
+def read_rates(path: Path) -> None:
+    Rates.read(path).mean(0.0, 0.2)
+
+
+def read_attitudes(path: Path) -> None:
+    Attitudes.read(path).down(0.1)
+
+
 def reader_of(name: str) -> Callable[[Path], Any]:
     kinds: dict[str, Callable[[Path], Any]] = {
         "camera": rsflow.Camera.load,
         "times": read_times,
         "heights": Heights.read,
+        "rates": read_rates,
+        "attitudes": read_attitudes,
         "picture": read_frames,
         "video": read_frames,
     }

@@ -156,6 +156,14 @@ def _heights() -> velocity.Heights:
     return velocity.Heights("frame", np.array([0.0, 1.0]), np.array([0.2, 0.3]))
 
 
+def _rates() -> velocity.Rates:
+    return velocity.Rates(np.array([0.0, 0.1]), np.array([[0.0, 0.1, 0.2], [0.0, 0.1, 0.3]]))
+
+
+def _attitudes() -> velocity.Attitudes:
+    return velocity.Attitudes(np.array([0.0, 0.1]), np.array([[0.0, 0.1, 1.0], [0.0, 0.1, 1.0]]))
+
+
 def _bench_row() -> bench.Row:
     return bench.Row("points", "a", "rsflow", 0.1, 0.2, 1.0, 3.0)
 
@@ -528,9 +536,16 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.tracking.TrackTable.clear": lambda _: (rsflow.tracking.TrackTable().clear, {}),
     "rsflow.tracking.TrackTable.save": lambda folder: (rsflow.tracking.TrackTable().save, {"path": folder / "t.csv"}),
     "rsflow.tracking.TrackTable.to_dict": lambda _: (rsflow.tracking.TrackTable().to_dict, {}),
+    "rsflow.velocity.Attitudes": lambda _: (velocity.Attitudes, _fields(_attitudes())),
+    "rsflow.velocity.Attitudes.down": lambda _: (_attitudes().down, {"t_s": 0.0}),
+    "rsflow.velocity.Attitudes.read": lambda folder: (velocity.Attitudes.read, {"path": folder / "down.csv"}),
     "rsflow.velocity.Heights": lambda _: (velocity.Heights, _fields(_heights())),
     "rsflow.velocity.Heights.at": lambda _: (_heights().at, {"frame": 0, "t_s": 0.0}),
     "rsflow.velocity.Heights.read": lambda folder: (velocity.Heights.read, {"path": folder / "heights.csv"}),
+    "rsflow.velocity.Heights.std_at": lambda _: (_heights().std_at, {"frame": 0, "t_s": 0.0}),
+    "rsflow.velocity.Rates": lambda _: (velocity.Rates, _fields(_rates())),
+    "rsflow.velocity.Rates.mean": lambda _: (_rates().mean, {"begin_s": 0.0, "end_s": 0.1}),
+    "rsflow.velocity.Rates.read": lambda folder: (velocity.Rates.read, {"path": folder / "rates.csv"}),
     "rsflow.velocity.plot_velocity": lambda folder: (
         velocity.plot_velocity,
         {"path": folder / "v.png", "rows": [velocity.velocity_row(a_velocity(), frame=1, height_m=0.2)]},
@@ -569,4 +584,6 @@ def make_files(folder: Path) -> None:
     CAMERA.save(folder / "camera.json")
     rsflow.write_flow(folder / "flow.npz", field(), t0_s=0.0, t1_s=0.1)
     (folder / "heights.csv").write_text("frame,height_m\n0,0.2\n1,0.3\n")
+    (folder / "rates.csv").write_text("t_s,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s\n0,0,0,0.1\n1,0,0,0.1\n")
+    (folder / "down.csv").write_text("t_s,down_x,down_y,down_z\n0,0,0,1\n1,0,0,1\n")
     (folder / "latin1.txt").write_bytes("Höhe\n".encode("latin-1"))

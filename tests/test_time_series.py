@@ -94,22 +94,13 @@ def test_one_step_that_is_wrong_is_not_hidden_by_the_others(tmp_path: Path) -> N
     )
 
 
-@pytest.mark.parametrize("name", ["height_std_m", "sigma", "std_m", "Height_StdDev"])
+@pytest.mark.parametrize("name", ["sigma", "std_m", "Height_StdDev", "range_std_m"])
 def test_deviations_of_heights_are_not_dropped_in_silence(tmp_path: Path, name: str) -> None:
     path = tmp_path / "h.csv"
     path.write_text(f"t_s,height_m,{name}\n0,1,0.1\n1,1,0.1\n")
-    with pytest.raises(rsflow.FormatError, match=f"got a column {name}, expected no deviations.*--height-std"):
+    with pytest.raises(rsflow.FormatError, match=f"got a column {name}, expected the deviations.*called height_std_m"):
         Heights.read(path)
     path.write_text("t_s,height_m,standard,erroneous\n0,1,0.1,0\n1,1,0.1,0\n")
-    assert Heights.read(path).notes == ()
-
-
-def test_a_pause_of_the_heights_is_told(tmp_path: Path) -> None:
-    path = tmp_path / "h.csv"
-    path.write_text("t_s,height_m\n0,1\n0.1,1\n0.2,1\n2.2,2\n2.3,2\n")
-    (note,) = Heights.read(path).notes
-    assert "a pause of 2 s from 0.2 s on, where 0.1 s are usual" in note
-    path.write_text("t_s,height_m\n0,1\n0.1,1\n0.2,1\n0.7,2\n")
     assert Heights.read(path).notes == ()
 
 

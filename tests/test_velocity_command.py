@@ -208,8 +208,11 @@ def test_heights_between_and_outside(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "got an empty file, expected height_m and one of t_s, frame"),
-        ("time,height_m\n0,1\n", "columns time, height_m, expected height_m and one of t_s, t_ms, t_us, t_ns, frame"),
+        ("", "got an empty file, expected height_m or range_m and one of t_s, t_ms"),
+        (
+            "time,height_m\n0,1\n",
+            "columns time, height_m, expected height_m or range_m and one of t_s, t_ms",
+        ),
         ("t_s,height_m\n", "no row after the header"),
         ("t_s,height_m\n0,tall\n", "row 2: got 'tall', expected a number for height_m"),
         ("t_s,height_m\n0,1\n,1\n", "row 3: got '', expected a time in seconds"),

@@ -92,8 +92,11 @@ class Table:
                 raise self.error(number, f"got {text[:40]!r}, expected {what}{hint}") from None
         return values
 
-    def times(self, place: int, name: str) -> NDArray[np.float64]:
-        """Give a column of times in seconds: finite, strictly increasing, in steps that may be."""
+    def times(self, place: int, name: str, *, per_second: float | None = None) -> NDArray[np.float64]:
+        """Give a column of times in seconds: finite, strictly increasing, in steps that may be.
+
+        `per_second` says how many of its unit make a second, where the name does not.
+        """
         values = self.numbers(place, name)
         wrong = first_wrong(values)
         if wrong is not None:
@@ -101,7 +104,7 @@ class Table:
             before = f" after {self.rows[wrong - 1][place]}" if wrong and math.isfinite(values[wrong]) else ""
             kind = "strictly increasing times" if before else "a finite time"
             raise self.error(wrong, f"{name}: got {at}{before}, expected {kind}")
-        seconds = values / TIME_COLUMNS[name]
+        seconds = values / (TIME_COLUMNS[name] if per_second is None else per_second)
         doubt = doubtful_step(seconds)
         if doubt is not None and doubt[0]:
             raise FormatError(

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from .attitudes import Attitudes
 from .estimator import VelocityEstimator
+from .heights import Heights
+from .plot import plot_velocity
+from .rates import Rates
 from .result import Velocity, VelocityStatus
-from .table import COLUMNS, Heights, plot_velocity, velocity_row, write_velocity_csv
+from .table import COLUMNS, velocity_row, write_velocity_csv
 
 __all__ = [
     "COLUMNS",
+    "Attitudes",
     "Heights",
+    "Rates",
     "Velocity",
     "VelocityEstimator",
     "VelocityStatus",
