@@ -13,7 +13,7 @@ from .._display import fields
 from ..errors import DTypeError
 from .board import Board
 
-__all__ = ["Corners", "charuco_detector", "find_corners"]
+__all__ = ["Corners", "charuco_board", "charuco_detector", "find_corners"]
 
 # Half the window of the corner refinement, in pixels: what OpenCV's calibration program uses.
 _WINDOW = 11
@@ -187,12 +187,19 @@ def _charuco(image: NDArray[np.uint8], board: Board) -> Corners | None:
     return Corners(refined, numbers, refined)
 
 
-def charuco_detector(board: Board) -> Any:
-    """Make OpenCV's detector for a ChArUco board."""
+def charuco_board(board: Board) -> Any:
+    """Make OpenCV's ChArUco board."""
     import cv2
 
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     marker = board.marker_size_m or 0.75 * board.square_size_m
     made = cv2.aruco.CharucoBoard(board.size, board.square_size_m, marker, dictionary)
     made.setLegacyPattern(board.legacy_pattern)
-    return cv2.aruco.CharucoDetector(made)
+    return made
+
+
+def charuco_detector(board: Board) -> Any:
+    """Make OpenCV's detector for a ChArUco board."""
+    import cv2
+
+    return cv2.aruco.CharucoDetector(charuco_board(board))

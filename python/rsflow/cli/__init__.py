@@ -17,7 +17,8 @@ from typing import Any, NoReturn
 
 from rsflow.cli._streams import give_up_output, printable, usable_streams
 
-# Command -> (module with `DESCRIPTION`, `add_arguments(parser)` and `run(args) -> int`, one line of help).
+# Command -> (module with `DESCRIPTION`, `add_arguments(parser)`, `run(args) -> int` and, where argparse does not do,
+# `check(parser, args)`; one line of help).
 COMMANDS: dict[str, tuple[str, str]] = {
     "batch": ("rsflow.cli.batch", "extract from many sources at once, on a pool of processes"),
     "bench": ("rsflow.cli.bench", "accuracy and time beside OpenCV, on scenes with exact truth"),
@@ -131,6 +132,9 @@ def _parsed(arguments: list[str]) -> tuple[str, Callable[[argparse.Namespace], i
         if action.option_strings and getattr(args, action.dest, None) == "":
             # As a path it would be the folder one happens to be in.
             parser.error(f"argument {action.option_strings[-1]}: got '', expected a value")
+    if hasattr(module, "check"):
+        # What argparse cannot say: which arguments go with which.
+        module.check(parser, args)
     return name, module.run, args
 
 

@@ -23,12 +23,14 @@ if TYPE_CHECKING:
 DESCRIPTION = """\
 Calibrate a camera from pictures of a chessboard or ChArUco board.
 
-Print a board, glue it to something flat, and take 15 or more pictures: near and far, tilted by 20 to 45
-degrees to every side, the board in each corner of the picture, focus and zoom as later in use. What comes
-out is the camera file that `rsflow velocity` and `rsflow extract` need for metres per second, with the
-deviation of each parameter, the error of each view, and advice on what to drop and what to add.
+Print a board (--print-board draws one in its exact size), glue it to something flat, and take 15 or more
+pictures: near and far, tilted by 20 to 45 degrees to every side, the board in each corner of the picture,
+focus and zoom as later in use. What comes out is the camera file that `rsflow velocity` and `rsflow extract`
+need for metres per second, with the deviation of each parameter, the error of each view, and advice on what
+to drop and what to add.
 
 examples:
+  rsflow calibrate --print-board board.pdf                          9x6 corners, squares of 25 mm, on A4
   rsflow calibrate 'pictures/*.jpg' --board 9x6 --square 0.025 -o camera.yaml
   rsflow calibrate board.mp4 --board 9x6 --square 0.025 -o camera.json --pictures corners
   rsflow calibrate 0 --board 9x6 --square 0.025 -o camera.yaml      live: says where to hold the board
@@ -60,10 +62,15 @@ def length_m(text: str) -> float:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("source", help="pictures (folder, glob, one of them), a video, a URL, or a camera's index")
+    parser.add_argument(
+        "source",
+        nargs="?",
+        metavar="SOURCE",
+        help="pictures (folder, glob, one of them), a video, a URL, or a camera's index",
+    )
     parser.add_argument("more", nargs="*", help=argparse.SUPPRESS)
-    parser.add_argument("--board", type=board_size, required=True, metavar="COLSxROWS", help="size of the board")
-    parser.add_argument("--square", type=length_m, required=True, metavar="M", help="side of a square in metres")
+    parser.add_argument("--board", type=board_size, metavar="COLSxROWS", help="size of the board")
+    parser.add_argument("--square", type=length_m, metavar="M", help="side of a square in metres")
     parser.add_argument("-o", "--output", metavar="FILE", help="camera file: .yaml (ROS), .yml/.xml (OpenCV), .json")
     parser.add_argument("--format", choices=("json", "opencv", "ros", "kalibr"), help="overrules the file's suffix")
     parser.add_argument("--pictures", metavar="DIR", help="write a picture of each view with its corners")
@@ -86,10 +93,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--time-budget", type=float, default=120.0, metavar="S", help="for all searches (default 120)")
     parser.add_argument("--view-time-budget", type=float, default=5.0, metavar="S", help="for one picture (default 5)")
     parser.add_argument("--max-views", type=int, default=60, metavar="N", help="enough is enough (default 60)")
+    parser.add_argument(
+        "--print-board",
+        metavar="FILE",
+        help="draw the board on a page to be printed (.pdf, .svg or .png) and calibrate nothing; "
+        "without --board and --square 9x6 and 0.025",
+    )
+    parser.add_argument(
+        "--page", choices=("A4", "A3", "Letter"), help="of --print-board: size of the paper (default A4)"
+    )
+
+
+def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
+    """Leave with exit code 2 where arguments do not go together."""
+    if args.print_board is None:
+        needed = {"SOURCE": args.source, "--board": args.board, "--square": args.square}
+        missing = [name for name, value in needed.items() if value is None]
+        if missing:
+            parser.error(f"the following arguments are required: {', '.join(missing)}")
+        if args.page is not None:
+            parser.error("argument --page: not allowed without argument --print-board")
+        return
+    others = {"SOURCE": args.source, "-o/--output": args.output, "--pictures": args.pictures, "--format": args.format}
+    for name, value in others.items():
+        if value is not None:
+            parser.error(f"argument {name}: not allowed with argument --print-board")
 
 
 def run(args: argparse.Namespace) -> int:
     """Calibrate, print, and write what was asked for."""
+    if args.print_board is not None:
+        return _print_board(args)
     from rsflow.calibration import calibrate
     from rsflow.camera.formats import format_of
     from rsflow.capture import frames
@@ -133,6 +167,28 @@ def run(args: argparse.Namespace) -> int:
         print(f"wrote {args.output}")
     if pictures:
         print(f"wrote {len(pictures)} pictures to {Path(args.pictures)}")
+    return 0
+
+
+def _print_board(args: argparse.Namespace) -> int:
+    """Draw the board, and say what to do with it."""
+    from rsflow.calibration import print_board
+
+    lines = print_board(
+        args.print_board,
+        board=args.board or (9, 6),
+        square_size_m=args.square or 0.025,
+        page=args.page or "A4",
+        pattern=args.pattern,
+        marker_size_m=args.marker,
+        dictionary=args.dictionary,
+        legacy_pattern=args.legacy,
+    )
+    if args.json:
+        print(json.dumps({"file": args.print_board, "instructions": lines}, indent=2))
+        return 0
+    print("\n".join(lines))
+    print(f"wrote {args.print_board}")
     return 0
 
 
