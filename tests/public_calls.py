@@ -348,6 +348,10 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         {"points": np.zeros((1, 2), np.float32), "ids": np.zeros(1, np.int64), "plain": np.zeros((1, 2), np.float32)},
     ),
     "rsflow.calibration.find_corners": lambda _: (boards.find_corners, {"image": frame(), "board": BOARD}),
+    "rsflow.calibration.print_board": lambda folder: (
+        rsflow.calibration.print_board,
+        {"path": folder / "printed.svg", "board": (4, 3), "square_size_m": 0.02},
+    ),
     "rsflow.calibration.View": lambda _: (calibration.View, {"name": "a", "used": True}),
     "rsflow.calibration.View.to_dict": lambda _: (calibration.View("a", True).to_dict, {}),
     "rsflow.camera.format_of": lambda _: (rsflow.camera.formats.format_of, {"path": "camera.json"}),
