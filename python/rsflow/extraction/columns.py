@@ -61,14 +61,23 @@ TRAJECTORY = {
     "frame": "number of the frame in the source",
     "t_s": "its time in seconds",
     "segment": "counts the unbroken pieces: over a gap the velocity is carried on, and the deviations grow",
-    "x_m": "way since the start, along the camera's x axis at the start, in metres",
+    "x_m": "way since the start, along the body's x axis at the start (the camera's by default), in metres",
     "y_m": "the same, along its y axis",
-    "z_m": "the same, along the line of sight",
+    "z_m": "the same, along its z axis (the line of sight by default)",
     "heading_rad": "turn about straight down since the start, clockwise as the camera sees the ground",
-    "x_std_m": "standard deviation of x_m, without that of the heading and of what velocity.csv calls std_without",
-    "y_std_m": "standard deviation of y_m",
     "distance_m": "length of the way in the x-y plane, gaps carried on; nan in a gap",
+    "x_std_m": "standard deviation of x_m, without that of what velocity.csv calls std_without; inf where a gap "
+    "cannot be judged",
+    "y_std_m": "standard deviation of y_m",
+    "z_std_m": "standard deviation of z_m",
+    "heading_std_rad": "standard deviation of heading_rad, of rates whose deviation was stated; 0 where none was",
     "distance_std_m": "standard deviation of distance_m; inf where a gap cannot be judged",
+    "cov_xx_m2": "variance of x_m, which grows along the way: the square of x_std_m",
+    "cov_xy_m2": "covariance of x_m and y_m",
+    "cov_xz_m2": "covariance of x_m and z_m",
+    "cov_yy_m2": "variance of y_m",
+    "cov_yz_m2": "covariance of y_m and z_m",
+    "cov_zz_m2": "variance of z_m; inf where the velocity along z was not known",
 }
 
 OBJECTS = {

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .drift import Drift
 from .gaps import UNSEEN
 
 if TYPE_CHECKING:
@@ -23,15 +24,20 @@ _LEAST_CHANGES = 4
 _ROUGHER = 2.0
 
 
-class Trajectory:
-    """Integrate velocities to a path over level ground, in the camera's axes at the first frame.
+_PLACE = ("x_m", "y_m", "z_m", "heading_rad", "distance_m")
+_DEVIATIONS = ("x_std_m", "y_std_m", "z_std_m", "heading_std_rad", "distance_std_m")
+_COVARIANCES = ("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2")
 
-    The heading is integrated from the turn about straight down where the velocity came with one. Over a gap the
+
+class Trajectory:
+    """Integrate velocities to a path over level ground, in the body's axes at the first frame, made level.
+
+    The body's axes are the camera's by default. Where straight down is known each velocity is turned into level axes,
+    by the shortest way. The heading is integrated from the turn about straight down: of the rate that was used, else as
+    it was fitted. Over a gap the
     velocity is carried on from the one before to the one after, and the path gets the variance of a velocity that walks
     at random as it does elsewhere and as the ends of the gap show, and no less than a motion asks for that may stop,
-    turn round or go several times as fast: nothing constrains it in a gap. The displacement's errors are independent
-    from frame to frame and add as variances; those of height, focal length and principal point stay the same and add
-    as they are.
+    turn round or go several times as fast: nothing constrains it in a gap. How the errors add up says `Drift`.
     """
 
     def __init__(self) -> None:
@@ -39,10 +45,7 @@ class Trajectory:
         self._heading = 0.0
         self._distance = self._measured = 0.0
         self._segment = 1
-        self._independent = np.zeros(3)
-        self._distance_variance = 0.0
-        self._lasting: dict[str, Any] = {}
-        self._distance_lasting: dict[str, float] = {}
+        self._drift = Drift()
         # The last velocity, in the path's axes, and when; the start of the path where there was none yet.
         self._last: tuple[float, Any] | None = None
         self._begin_s = math.nan
@@ -57,32 +60,38 @@ class Trajectory:
         self._gap_least = 0.0
         self._measured_s = 0.0
 
-    def add(self, velocity: Velocity, frame: int) -> dict[str, Any]:
-        """Give the row of ``trajectory.csv`` at a velocity; its position is NaN where there is none."""
+    def add(self, velocity: Velocity, frame: int, *, down: Any = None) -> dict[str, Any]:
+        """Give the row of ``trajectory.csv`` at a velocity; its position is NaN where there is none.
+
+        `down` (3,) is straight down in the body's axes, where it is known.
+        """
         row: dict[str, Any] = {"frame": frame, "t_s": velocity.t_s}
         first = velocity.status.name == "FIRST_FRAME"
         if first:
             self._begin_s = velocity.t_s
         self._end_s = velocity.t_s
         if velocity.valid:
-            self._step(velocity)
+            self._step(velocity, _level(down))
         elif not first:
             self._waiting += 1
-            names = ("x_m", "y_m", "z_m", "heading_rad", "x_std_m", "y_std_m", "distance_m", "distance_std_m")
-            return row | dict.fromkeys(names, math.nan) | {"segment": self._segment}
+            return row | dict.fromkeys((*_PLACE, *_DEVIATIONS, *_COVARIANCES), math.nan) | {"segment": self._segment}
+        covariance = self._drift.covariance
         gaps = self._gap_variance(self._gap_share, self._gap_change, self._gap_least)
-        std = np.sqrt(self._independent + gaps + sum(part**2 for part in self._lasting.values()))
-        x, y, z = self._at
+        # Of a variance that is infinite the covariances are not known; they stay what they are without the gap.
+        covariance[np.arange(3), np.arange(3)] += gaps
+        x, y, z = (float(value) for value in self._at)
+        if math.isnan(z):
+            covariance[2, :] = covariance[:, 2] = 0.0
+            covariance[2, 2] = math.inf
+        std = np.sqrt(np.diag(covariance)).tolist()
+        place = (x, y, z, self._heading, self._distance)
+        deviations = (*std, self._drift.heading_std_rad, self._distance_std())
+        spread = [float(covariance[i, k]) for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
         return row | {
             "segment": self._segment,
-            "x_m": float(x),
-            "y_m": float(y),
-            "z_m": float(z),
-            "heading_rad": self._heading,
-            "x_std_m": float(std[0]),
-            "y_std_m": float(std[1]),
-            "distance_m": self._distance,
-            "distance_std_m": self._distance_std(),
+            **dict(zip(_PLACE, place, strict=True)),
+            **dict(zip(_DEVIATIONS, deviations, strict=True)),
+            **dict(zip(_COVARIANCES, spread, strict=True)),
         }
 
     def figures(self) -> dict[str, Any]:
@@ -108,18 +117,22 @@ class Trajectory:
 
     def _distance_std(self) -> float:
         gaps = self._gap_variance(self._gap_share, self._gap_change, self._gap_least)
-        return math.sqrt(self._distance_variance + gaps + sum(part**2 for part in self._distance_lasting.values()))
+        return math.sqrt(self._drift.distance_variance + gaps)
 
-    def _step(self, velocity: Velocity) -> None:
+    def _step(self, velocity: Velocity, level: Any) -> None:
         dt = velocity.dt_s
-        turn = velocity.yaw_rate_rad_s * dt if math.isfinite(velocity.yaw_rate_rad_s) else 0.0
+        rate, rate_std = _yaw_rate(velocity, level)
+        turn = rate * dt
+        self._drift.turn(rate_std * dt)
         # The velocity is in the axes half-way through the interval.
         middle = self._heading + turn / 2
         cos, sin = math.cos(middle), math.sin(middle)
-        rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ level
         v = np.array([velocity.vx_m_s, velocity.vy_m_s, velocity.vz_m_s])
-        along = rotation @ np.nan_to_num(v)
-        along[2] = v[2]
+        known = np.nan_to_num(v)
+        along = rotation @ known
+        if np.isnan(v).any():
+            along[2] = math.nan
         if self._waiting:
             self._carry(along, velocity.t_s - dt)
         elif self._last is not None:
@@ -129,22 +142,11 @@ class Trajectory:
         self._last = (velocity.t_s, along)
         self._at = self._at + along * dt
         self._heading += turn
-        speed = float(np.hypot(v[0], v[1]))
+        speed = float(np.hypot(along[0], along[1]))
         self._distance += speed * dt
         self._measured += speed * dt
         self._measured_s += dt
-        direction = np.append(v[:2] / speed, 0.0) if speed > 0 else np.zeros(3)
-        for name, part in velocity.parts.items():
-            spread = np.where(np.isfinite(part), part, 0.0)
-            forward = float(direction @ spread @ direction)
-            if name == "displacement":
-                self._independent = self._independent + np.diag(rotation @ spread @ rotation.T) * dt**2
-                self._distance_variance += forward * dt**2
-            else:
-                # One cause that stays: the error of each frame has the sign of what it scales.
-                error = rotation @ (np.sign(v) * np.sqrt(np.maximum(np.diag(spread), 0.0))) * dt
-                self._lasting[name] = self._lasting.get(name, np.zeros(3)) + error
-                self._distance_lasting[name] = self._distance_lasting.get(name, 0.0) + math.sqrt(max(forward, 0.0)) * dt
+        self._drift.add(velocity.parts, known, rotation, dt)
 
     def _carry(self, after: Any, until_s: float) -> None:
         """Go on over a gap that ends with the velocity `after`."""
@@ -182,3 +184,22 @@ class Trajectory:
 def _share(time: float, *, open_end: bool) -> float:
     """Variance of the way over a gap, to that of the walk a second: the walk is held at both ends, or at one."""
     return time**3 / (3.0 if open_end else 12.0)
+
+
+def _level(down: Any) -> Any:
+    """Give the rotation (3, 3) that takes straight down to the third axis by the shortest way; identity without it."""
+    if down is None or not np.isfinite(down).all():
+        return np.eye(3)
+    x, y, z = np.asarray(down, dtype=np.float64) / np.linalg.norm(down)
+    if z < -0.9999:
+        # Axes with the third one up: over its first.
+        return np.diag([1.0, -1.0, -1.0])
+    cross = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
+    return np.eye(3) + cross + cross @ cross / (1.0 + z)
+
+
+def _yaw_rate(velocity: Velocity, level: Any) -> tuple[float, float]:
+    """Give the rate of the turn about straight down, and its deviation: 0 where none was stated."""
+    if math.isfinite(velocity.yaw_rate_rad_s):
+        return velocity.yaw_rate_rad_s, 0.0
+    return 0.0, 0.0
