@@ -117,6 +117,11 @@ def a_velocity() -> rsflow.Velocity:
 
 
 @functools.cache
+def filtered() -> rsflow.FilteredVelocity:
+    return rsflow.VelocityFilter().update(a_velocity())
+
+
+@functools.cache
 def tracks() -> rsflow.Tracks:
     return rsflow.track_points(frame(0), frame(1), [(16, 12), (10, 10)])
 
@@ -223,6 +228,9 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         rsflow.ExtractionInterrupted,
         {"message": "stopped", "extraction": extraction(folder)},
     ),
+    "rsflow.FilterStatus": lambda _: (rsflow.FilterStatus, {"value": 0}),
+    "rsflow.FilteredVelocity": lambda _: (rsflow.FilteredVelocity, _fields(filtered())),
+    "rsflow.FilteredVelocity.to_dict": lambda _: (filtered().to_dict, {}),
     "rsflow.FlowField": lambda _: (rsflow.FlowField, _fields(field())),
     "rsflow.FlowField.mean": lambda _: (field().mean, {}),
     "rsflow.FlowField.plot": lambda folder: (field().plot, {"path": folder / "plot.png"}),
@@ -284,6 +292,19 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.Velocity.budget": lambda _: (a_velocity().budget, {}),
     "rsflow.Velocity.to_dict": lambda _: (a_velocity().to_dict, {}),
     "rsflow.VelocityEstimator": lambda _: (rsflow.VelocityEstimator, {"camera": CAMERA}),
+    "rsflow.VelocityFilter": lambda _: (rsflow.VelocityFilter, {"common": ("height",)}),
+    "rsflow.VelocityFilter.reset": lambda _: (rsflow.VelocityFilter().reset, {}),
+    "rsflow.VelocityFilter.update": lambda _: (
+        rsflow.VelocityFilter(gyro_bias_std_rad_s=0.1).update,
+        {
+            "velocity": a_velocity(),
+            "rate_rad_s": (0.0, 0.0, 0.1),
+            "residual_rate_rad_s": (0.0, 0.0, 0.1),
+            "residual_rate_covariance": np.eye(3),
+            "height_m": 0.2,
+            "down": (0.0, 0.0, 1.0),
+        },
+    ),
     "rsflow.VelocityEstimator.reset": lambda _: (rsflow.VelocityEstimator(CAMERA).reset, {}),
     "rsflow.VelocityEstimator.update": lambda _: (
         _ready(rsflow.VelocityEstimator, (flight().images[0], 0.0), camera=CAMERA).update,

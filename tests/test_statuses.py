@@ -14,7 +14,7 @@ from rsflow import _core
 from rsflow._results.status import Status, WordStatus
 from rsflow.batch import BatchStatus
 
-NUMBERS = (rsflow.ShiftStatus, rsflow.PointStatus, rsflow.VelocityStatus)
+NUMBERS = (rsflow.ShiftStatus, rsflow.PointStatus, rsflow.VelocityStatus, rsflow.FilterStatus)
 WORDS = (rsflow.SegmentationStatus, BatchStatus)
 VALID = ("VALID", "TRACKED", "OK", "DONE")
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from .segmentation import MotionSegmentation, MotionSegmenter, SegmentationStatus
     from .shift import Shift, ShiftStatus, estimate_shift
     from .tracking import PointStatus, PointTracker, Tracks, detect_corners, track_points
-    from .velocity import Velocity, VelocityEstimator, VelocityStatus
+    from .velocity import FilteredVelocity, FilterStatus, Velocity, VelocityEstimator, VelocityFilter, VelocityStatus
     from .video import VideoWriter
 
 # Where each public name lives; the module is imported when the name is first used.
@@ -49,6 +49,8 @@ _LAZY: dict[str, str] = {
     "DenseFlow": ".flow",
     "Extraction": ".extraction",
     "ExtractionInterrupted": ".extraction",
+    "FilterStatus": ".velocity",
+    "FilteredVelocity": ".velocity",
     "FlowField": ".flow",
     "Frame": ".capture",
     "Frames": ".capture",
@@ -64,6 +66,7 @@ _LAZY: dict[str, str] = {
     "Tracks": ".tracking",
     "Velocity": ".velocity",
     "VelocityEstimator": ".velocity",
+    "VelocityFilter": ".velocity",
     "VelocityStatus": ".velocity",
     "VideoWriter": ".video",
     "calibrate": ".calibration",
@@ -106,6 +109,8 @@ __all__ = [
     "DenseFlow",
     "Extraction",
     "ExtractionInterrupted",
+    "FilterStatus",
+    "FilteredVelocity",
     "FlowField",
     "FormatError",
     "Frame",
@@ -128,6 +133,7 @@ __all__ = [
     "Tracks",
     "Velocity",
     "VelocityEstimator",
+    "VelocityFilter",
     "VelocityStatus",
     "VideoWriter",
     "__version__",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from .attitudes import Attitudes
 from .estimator import VelocityEstimator
+from .filter import VelocityFilter
+from .filter_result import FilteredVelocity, FilterStatus
 from .heights import Heights
 from .plot import plot_velocity
 from .rates import Rates
@@ -13,10 +15,13 @@ from .table import COLUMNS, velocity_row, write_velocity_csv
 __all__ = [
     "COLUMNS",
     "Attitudes",
+    "FilterStatus",
+    "FilteredVelocity",
     "Heights",
     "Rates",
     "Velocity",
     "VelocityEstimator",
+    "VelocityFilter",
     "VelocityStatus",
     "plot_velocity",
     "velocity_row",

@@ -1,0 +1,103 @@
+"""The arithmetic of the filter: constant acceleration over any time, causes that stay the same, updates, a gate.
+
+docs/algorithms.md, section "Velocities filtered over time: VelocityFilter".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "ACCELERATION",
+    "BIAS",
+    "DELAY",
+    "HEADING",
+    "POSITION",
+    "STATES",
+    "VELOCITY",
+    "advance",
+    "cross",
+    "distance",
+    "heading_matrix",
+    "level_from_body",
+    "schmidt_update",
+]
+
+F64 = NDArray[np.float64]
+
+# Places in the state; what is common to all frames follows after it.
+POSITION, VELOCITY, ACCELERATION = slice(0, 3), slice(3, 6), slice(6, 9)
+HEADING, BIAS, DELAY, STATES = 9, slice(10, 13), 13, 14
+
+
+def advance(
+    state: F64, covariance: F64, dt_s: float, *, walk: float, turn_rad: float, turn_variance: float, gyro: F64 | None
+) -> tuple[F64, F64]:
+    """Carry state and covariance on by `dt_s`.
+
+    `walk` is the variance of the change of acceleration in a second; `turn_rad` the change of heading meanwhile, and
+    `gyro` (4,) its derivative by gyro bias and delay where a gyro measured it.
+    """
+    step = np.eye(len(state))
+    step[POSITION, VELOCITY] = step[VELOCITY, ACCELERATION] = dt_s * np.eye(3)
+    step[POSITION, ACCELERATION] = 0.5 * dt_s**2 * np.eye(3)
+    if gyro is not None:
+        step[HEADING, 10:14] = gyro
+    state = step @ state
+    state[HEADING] += turn_rad
+    covariance = step @ covariance @ step.T
+    # White jerk, integrated three times (Bar-Shalom, Li and Kirubarajan 2001, equation 6.2.3-8).
+    noise = walk * np.array(
+        [
+            [dt_s**5 / 20, dt_s**4 / 8, dt_s**3 / 6],
+            [dt_s**4 / 8, dt_s**3 / 3, dt_s**2 / 2],
+            [dt_s**3 / 6, dt_s**2 / 2, dt_s],
+        ]
+    )
+    covariance[:9, :9] += np.kron(noise, np.eye(3))
+    covariance[HEADING, HEADING] += turn_variance
+    return state, covariance
+
+
+def schmidt_update(
+    state: F64, covariance: F64, residual: F64, design: F64, noise: F64, *, estimated: int
+) -> tuple[F64, F64]:
+    """Take in a measurement without estimating the states from `estimated` on: Schmidt's (1966) consider filter.
+
+    These keep their value and variance, so that no number of measurements makes the others surer than they allow.
+    Joseph's form, which holds for any gain.
+    """
+    gain = np.linalg.solve(design @ covariance @ design.T + noise, design @ covariance).T
+    gain[estimated:] = 0.0
+    keep = np.eye(len(state)) - gain @ design
+    updated = keep @ covariance @ keep.T + gain @ noise @ gain.T
+    return state + gain @ residual, 0.5 * (updated + updated.T)
+
+
+def distance(covariance: F64, residual: F64, design: F64, noise: F64) -> float:
+    """Give the Mahalanobis distance of a residual from what the state says."""
+    expected = design @ covariance @ design.T + noise
+    return float(np.sqrt(max(float(residual @ np.linalg.solve(expected, residual)), 0.0)))
+
+
+def heading_matrix(heading_rad: float) -> tuple[F64, F64]:
+    """Give the axes of the start from level axes turned by a heading about straight down, and its derivative."""
+    cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return turn, np.array([[-sin, -cos, 0.0], [cos, -sin, 0.0], [0.0, 0.0, 0.0]])
+
+
+def level_from_body(down: F64) -> F64:
+    """Give the shortest rotation that takes a unit vector `down` of the body to (0, 0, 1)."""
+    x, y, z = down
+    if z < -1.0 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    share = 1.0 / (1.0 + z)
+    return np.array([[1.0 - x * x * share, -x * y * share, -x], [-x * y * share, 1.0 - y * y * share, -y], [x, y, z]])
+
+
+def cross(vector: F64) -> F64:
+    """Give the matrix that makes ``cross(vector, other)`` of `other`."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
