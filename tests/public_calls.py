@@ -25,6 +25,7 @@ from rsflow import Camera, Frame, bench, objects, reproduce, synthetic, velocity
 from rsflow.camera import board as boards
 from rsflow.camera import calibration
 from rsflow.extraction import ExtractSettings, Measured
+from rsflow.interop import flow_sensor, mavlink, ros
 from rsflow.synthetic import Flight, Sensor
 
 # Not for callers of the package: the command line has a test of its own.
@@ -147,6 +148,18 @@ def _ready(kind: Any, *updates: Any, **options: Any) -> Any:
     for update in updates:
         made.update(*update) if isinstance(update, tuple) else made.update(update)
     return made
+
+
+def _reading() -> flow_sensor.FlowReading:
+    return flow_sensor.flow_reading(a_velocity(), forward="top", height_m=0.2)
+
+
+def _autopilot(folder: Path) -> mavlink.MavlinkWriter:
+    return mavlink.MavlinkWriter(f"px4:{folder / 'made.tlog'}", forward="top")
+
+
+def _bag(folder: Path) -> ros.RosBagWriter:
+    return ros.RosBagWriter(folder / "made_bag", forward="top", overwrite=True)
 
 
 def _writer(folder: Path) -> rsflow.VideoWriter:
@@ -390,6 +403,32 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.extraction.Measured": lambda _: (
         Measured,
         dict.fromkeys(("frame", "flow", "segmentation", "velocity", "motion", "objects", "velocity_row")),
+    ),
+    "rsflow.interop.flow_sensor.FlowReading": lambda _: (flow_sensor.FlowReading, _fields(_reading())),
+    "rsflow.interop.flow_sensor.flow_reading": lambda _: (
+        flow_sensor.flow_reading,
+        {"velocity": a_velocity(), "forward": "top", "height_m": 0.2},
+    ),
+    "rsflow.interop.flow_sensor.quality_of": lambda _: (flow_sensor.quality_of, {"noise_rad_s": 0.2}),
+    "rsflow.interop.mavlink.MavlinkWriter": lambda folder: (
+        mavlink.MavlinkWriter,
+        {"target": f"px4:{folder / 'made.tlog'}", "forward": "top"},
+    ),
+    "rsflow.interop.mavlink.MavlinkWriter.close": lambda folder: (_autopilot(folder).close, {}),
+    "rsflow.interop.mavlink.MavlinkWriter.discard": lambda folder: (_autopilot(folder).discard, {}),
+    "rsflow.interop.mavlink.MavlinkWriter.write": lambda folder: (
+        _autopilot(folder).write,
+        {"velocity": a_velocity(), "height_m": 0.2},
+    ),
+    "rsflow.interop.ros.RosBagWriter": lambda folder: (
+        ros.RosBagWriter,
+        {"folder": folder / "made_bag", "forward": "top", "overwrite": True},
+    ),
+    "rsflow.interop.ros.RosBagWriter.close": lambda folder: (_bag(folder).close, {}),
+    "rsflow.interop.ros.RosBagWriter.discard": lambda folder: (_bag(folder).discard, {}),
+    "rsflow.interop.ros.RosBagWriter.write": lambda folder: (
+        _bag(folder).write,
+        {"velocity": a_velocity(), "height_m": 0.2},
     ),
     "rsflow.interop.opencv.DISOpticalFlow": lambda _: (rsflow.interop.opencv.DISOpticalFlow, {}),
     "rsflow.interop.opencv.DISOpticalFlow.calc": lambda _: (
