@@ -538,8 +538,14 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         {"pictures": {}, "condition": reproduce.CONDITIONS[0]},
     ),
     "rsflow.reproduce.textures": lambda _: (reproduce.textures, {}),
+    "rsflow.synthetic.Clock": lambda _: (synthetic.Clock, {"jitter_s": 0.001}),
+    "rsflow.synthetic.Clock.read": lambda _: (synthetic.Clock(jitter_s=0.001).read, {"times_s": [0.0, 0.1]}),
     "rsflow.synthetic.Flight": lambda _: (Flight, _fields(flight())),
     "rsflow.synthetic.Flight.flow": lambda _: (flight().flow, {"index": 1}),
+    "rsflow.synthetic.Gyro": lambda _: (synthetic.Gyro, {"rate_hz": 200.0}),
+    "rsflow.synthetic.Gyro.log": lambda _: (synthetic.Gyro(rate_hz=200.0).log, {"flight": flight()}),
+    "rsflow.synthetic.GyroLog": lambda _: (synthetic.GyroLog, _fields(_gyro_log())),
+    "rsflow.synthetic.GyroLog.between": lambda _: (_gyro_log().between, {"times_s": [0.0, 0.01]}),
     "rsflow.synthetic.LayersPair": lambda _: (synthetic.LayersPair, _fields(_layers())),
     "rsflow.synthetic.MotionsPair": lambda _: (synthetic.MotionsPair, _fields(_motions())),
     "rsflow.synthetic.MotionsPair.clear": lambda _: (_motions().clear, {"points": [(8, 8)], "radius": 2}),
@@ -556,6 +562,10 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.synthetic.Part.covers": lambda _: (PART.covers, {"points": np.zeros((1, 2))}),
     "rsflow.synthetic.Part.move": lambda _: (PART.move, {"points": np.zeros((1, 2))}),
     "rsflow.synthetic.Part.trace": lambda _: (PART.trace, {"points": np.zeros((1, 2))}),
+    "rsflow.synthetic.RangeFinder": lambda _: (synthetic.RangeFinder, {"rate_hz": 20.0}),
+    "rsflow.synthetic.RangeFinder.log": lambda _: (synthetic.RangeFinder(rate_hz=20.0).log, {"flight": flight()}),
+    "rsflow.synthetic.RangeLog": lambda _: (synthetic.RangeLog, _fields(_range_log())),
+    "rsflow.synthetic.RangeLog.at": lambda _: (_range_log().at, {"times_s": [0.0, 0.01]}),
     "rsflow.synthetic.Sensor": lambda _: (Sensor, {}),
     "rsflow.synthetic.Sensor.blur": lambda _: (Sensor(blur_px=0.7).blur, {"image": frame().astype(float)}),
     "rsflow.synthetic.Sensor.expose": lambda _: (
@@ -569,11 +579,19 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         synthetic.Texture.make(period=16).sample,
         {"x": np.zeros(2), "y": np.zeros(2)},
     ),
+    "rsflow.synthetic.VehiclePart": lambda _: (synthetic.VehiclePart, {"share": 0.3}),
+    "rsflow.synthetic.VehiclePart.mask": lambda _: (synthetic.VehiclePart(0.3).mask, {"width": 16, "height": 12}),
     "rsflow.synthetic.auto_exposure": lambda _: (synthetic.auto_exposure, {"amplitude": 0.1}),
+    "rsflow.synthetic.checkered_floor": lambda _: (synthetic.checkered_floor, {"period": 16}),
     "rsflow.synthetic.chessboard_views": lambda _: (
         synthetic.chessboard_views,
         {"camera": CAMERA, "board": (4, 3), "count": 1},
     ),
+    "rsflow.synthetic.combined": lambda _: (synthetic.combined, {}),
+    "rsflow.synthetic.dirt": lambda _: (synthetic.dirt, {"depth": 0.4}),
+    "rsflow.synthetic.dropped": lambda _: (synthetic.dropped, {"flight": flight(), "frames": [1]}),
+    "rsflow.synthetic.encoded": lambda _: (synthetic.encoded, {"flight": flight(), "jpeg_quality": 80}),
+    "rsflow.synthetic.fixed_pattern": lambda _: (synthetic.fixed_pattern, {"levels": 2.0}),
     "rsflow.synthetic.flight": lambda _: (synthetic.flight, {"camera": CAMERA, "frames": 1}),
     "rsflow.synthetic.flight_with_object": lambda _: (synthetic.flight_with_object, {"camera": CAMERA}),
     "rsflow.synthetic.gain": lambda _: (synthetic.gain, {"factor": 0.7}),
@@ -586,12 +604,16 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         synthetic.motions_pair,
         {"parts": [synthetic.Part()], "size": (32, 24)},
     ),
+    "rsflow.synthetic.moving_shadow": lambda _: (synthetic.moving_shadow, {"factor": 0.5}),
     "rsflow.synthetic.offset": lambda _: (synthetic.offset, {"levels": 5.0}),
     "rsflow.synthetic.ramp": lambda _: (synthetic.ramp, {"start": 0.0, "stop": 5.0}),
+    "rsflow.synthetic.repeated": lambda _: (synthetic.repeated, {"flight": flight(), "frames": [1]}),
     "rsflow.synthetic.shadow": lambda _: (synthetic.shadow, {"factor": 0.7}),
     "rsflow.synthetic.shifted_pair": lambda _: (synthetic.shifted_pair, {"dx": 1.0, "dy": 0.0, "size": (16, 12)}),
     "rsflow.synthetic.spotlight": lambda _: (synthetic.spotlight, {"levels": 20.0}),
+    "rsflow.synthetic.tiled_floor": lambda _: (synthetic.tiled_floor, {"period": 16}),
     "rsflow.synthetic.texture": lambda _: (synthetic.texture, {"shape": (12, 16)}),
+    "rsflow.synthetic.water": lambda _: (synthetic.water, {"ripple": 0.1}),
     "rsflow.tracking.TrackTable": lambda _: (rsflow.tracking.TrackTable, {}),
     "rsflow.tracking.TrackTable.add": lambda _: (
         rsflow.tracking.TrackTable().add,
@@ -635,6 +657,14 @@ def _names(kind: Any) -> list[str]:
 
 
 @functools.cache
+def _gyro_log() -> synthetic.GyroLog:
+    return synthetic.Gyro(rate_hz=200.0).log(flight())
+
+
+def _range_log() -> synthetic.RangeLog:
+    return synthetic.RangeFinder(rate_hz=200.0).log(flight())
+
+
 def _layers() -> synthetic.LayersPair:
     return synthetic.layers_pair(size=(WIDTH, HEIGHT), median_px=3.0, things=2, seed=1)
 

@@ -5,16 +5,28 @@ zoom each in its own way, `layers_pair` two of a scene that is hard to measure (
 blurred by their motion, in fog) with its dense flow, `flight` what a camera sees that flies over flat, textured ground,
 `flight_with_object` the same with things that move on the ground and a mask of where they are, `chessboard_views` what
 a camera sees of a board that it is calibrated with.
+
+A flight takes the conditions of a set-up piece by piece. On the ground: `tiled_floor`, `checkered_floor`,
+`contrast_levels`, `moving_shadow`, `water`. On the camera: `readout_s` (rolling shutter), `exposure_s`, `dirt`,
+`fixed_pattern`, `VehiclePart`. After it: `dropped`, `repeated`, `encoded`. Beside it, what instruments say of it:
+`Gyro`, `RangeFinder`, `Clock`.
+
 Everything is seeded: the same arguments give the same pixels.
 """
 
 from __future__ import annotations
 
 from .boards import chessboard_views
-from .flights import Flight, MovingObject, flight, flight_with_object
+from .flights import Flight, flight, flight_with_object
+from .floors import checkered_floor, tiled_floor
+from .ground_effects import GroundEffect, moving_shadow, water
+from .instruments import Clock, Gyro, GyroLog, RangeFinder, RangeLog
 from .layers import LayersPair, layers_pair
 from .lighting import LIGHTING, Lighting, auto_exposure, gain, gamma, offset, ramp, shadow, spotlight
 from .motions import MotionsPair, Part, motions_pair
+from .moving_object import MovingObject
+from .on_sensor import VehiclePart, combined, dirt, fixed_pattern
+from .recording import dropped, encoded, repeated
 from .sensor import WEBCAM, Sensor
 from .textures import BANDS, ShiftedPair, Texture, shifted_pair, texture
 
@@ -22,27 +34,44 @@ __all__ = [
     "BANDS",
     "LIGHTING",
     "WEBCAM",
+    "Clock",
     "Flight",
+    "GroundEffect",
+    "Gyro",
+    "GyroLog",
     "LayersPair",
     "Lighting",
     "MotionsPair",
     "MovingObject",
     "Part",
+    "RangeFinder",
+    "RangeLog",
     "Sensor",
     "ShiftedPair",
     "Texture",
+    "VehiclePart",
     "auto_exposure",
+    "checkered_floor",
     "chessboard_views",
+    "combined",
+    "dirt",
+    "dropped",
+    "encoded",
+    "fixed_pattern",
     "flight",
     "flight_with_object",
     "gain",
     "gamma",
     "layers_pair",
     "motions_pair",
+    "moving_shadow",
     "offset",
     "ramp",
+    "repeated",
     "shadow",
     "shifted_pair",
     "spotlight",
     "texture",
+    "tiled_floor",
+    "water",
 ]

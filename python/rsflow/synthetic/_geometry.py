@@ -1,76 +1,15 @@
-"""Rays of a camera, the ground they meet, and the path the camera takes: all in float64, all exact."""
+"""Rays of a camera and the ground they meet: all in float64, all exact."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from .. import _checks
-from .._rotation import rotation_matrix
 from ..camera.model import Camera
-from ..errors import OptionError, ShapeError
+from ..errors import OptionError
+from ._path import Path
 
 F64 = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Path:
-    """A camera's pose at any time: body velocity and rate are constant within each interval between frames.
-
-    The position within an interval is linear in time, so that the mean velocity of an interval, taken in the camera's
-    axes half-way through, is exactly the one that was asked for.
-    """
-
-    t_s: F64
-    position_m: F64
-    rotation: F64
-    velocity_m_s: F64
-    rate_rad_s: F64
-
-    def at(self, t_s: float) -> tuple[F64, F64]:
-        """Position (3,) and the rotation (3, 3) from the camera's axes to the world's; goes on past the ends."""
-        count = len(self.velocity_m_s)
-        if count == 0:
-            return self.position_m[0], self.rotation[0]
-        k = int(np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, count - 1))
-        since, span = t_s - float(self.t_s[k]), float(self.t_s[k + 1] - self.t_s[k])
-        step = (self.position_m[k + 1] - self.position_m[k]) * (since / span)
-        return self.position_m[k] + step, self.rotation[k] @ rotation_matrix(self.rate_rad_s[k] * since)
-
-
-def path_from_rates(
-    times_s: F64, height_m: float, velocity_m_s: ArrayLike, rate_rad_s: ArrayLike, tilt_rad: tuple[float, float]
-) -> Path:
-    """Integrate body velocity and rate from a start above the world's origin."""
-    if len(times_s) < 1 or (np.diff(times_s) <= 0).any():
-        got = f"{len(times_s)} times, not each later than the one before" if len(times_s) else "no time"
-        raise OptionError(f"times_s: got {got}, expected finite times in seconds, each later than the one before")
-    count = len(times_s) - 1
-    steps = []
-    for name, given in (("velocity_m_s", velocity_m_s), ("rate_rad_s", rate_rad_s)):
-        expected = f"finite numbers, (3,) or ({count}, 3)"
-        value = _checks.array(name, given, ..., expected, finite=True).astype(np.float64)
-        if value.shape not in ((3,), (count, 3)):
-            raise ShapeError(f"{name}: got shape {value.shape}, expected {expected}")
-        if value.size and np.abs(value).max() > 1e6:
-            raise OptionError(f"{name}: got {np.abs(value).max():g}, expected numbers up to 1e6")
-        steps.append(np.broadcast_to(value, (count, 3)).copy())
-    velocity, rate = steps
-    position = [np.array([0.0, 0.0, -float(height_m)])]
-    attitude = [rotation_matrix((tilt_rad[0], 0.0, 0.0)) @ rotation_matrix((0.0, tilt_rad[1], 0.0))]
-    for k in range(count):
-        dt = float(times_s[k + 1] - times_s[k])
-        middle = attitude[k] @ rotation_matrix(rate[k] * (dt / 2))
-        position.append(position[k] + middle @ velocity[k] * dt)
-        attitude.append(attitude[k] @ rotation_matrix(rate[k] * dt))
-        if position[-1][2] >= 0:
-            raise OptionError(
-                f"height_m, velocity_m_s: got {height_m:g} m and a way on which the camera reaches the ground at "
-                f"t = {times_s[k + 1]:g} s, expected one above it"
-            )
-    return Path(times_s, np.stack(position), np.stack(attitude), velocity, rate)
 
 
 class Optics:
@@ -131,19 +70,23 @@ class Optics:
         return self._rays[margin]
 
     def ground(self, position: F64, rotation: F64, *, margin: int) -> tuple[F64, F64]:
-        """Where the ray of each pixel meets the ground z = 0, in metres; NaN where it does not."""
+        """Where the ray of each pixel meets the ground z = 0, in metres; NaN where it does not.
+
+        The pose is one, (3,) and (3, 3), or one a row, (rows, 1, 3) and (rows, 1, 3, 3).
+        """
         x, y = self.rays(margin)
-        if np.array_equal(rotation, np.eye(3)):
-            return position[0] - position[2] * x, position[1] - position[2] * y
-        rx, ry, rz = (row[0] * x + row[1] * y + row[2] for row in rotation)
+        px, py, pz = (position[..., k] for k in range(3))
+        if np.array_equal(rotation, np.broadcast_to(np.eye(3), rotation.shape)):
+            return px - pz * x, py - pz * y
+        rx, ry, rz = (rotation[..., k, 0] * x + rotation[..., k, 1] * y + rotation[..., k, 2] for k in range(3))
         with np.errstate(divide="ignore", invalid="ignore"):
-            depth = np.where(rz > 1e-6, -position[2] / rz, np.nan)
-        return position[0] + depth * rx, position[1] + depth * ry
+            depth = np.where(rz > 1e-6, -pz / rz, np.nan)
+        return px + depth * rx, py + depth * ry
 
     def project(self, x: F64, y: F64, position: F64, rotation: F64) -> tuple[F64, F64]:
-        """Pixel coordinates of points of the ground; NaN behind the camera."""
-        dx, dy, dz = x - position[0], y - position[1], -position[2]
-        cx, cy, cz = (rotation[0, k] * dx + rotation[1, k] * dy + rotation[2, k] * dz for k in range(3))
+        """Pixel coordinates of points of the ground, from one pose or one a point; NaN behind the camera."""
+        dx, dy, dz = x - position[..., 0], y - position[..., 1], -position[..., 2]
+        cx, cy, cz = (rotation[..., 0, k] * dx + rotation[..., 1, k] * dy + rotation[..., 2, k] * dz for k in range(3))
         with np.errstate(divide="ignore", invalid="ignore"):
             cz = np.where(cz > 1e-9, cz, np.nan)
             u, v = self.distort(cx / cz, cy / cz)

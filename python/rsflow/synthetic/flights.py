@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,75 +14,18 @@ from .._display import fields
 from ..camera.model import Camera
 from ..capture.stream import Frame
 from ..errors import ShapeError
-from ._geometry import Optics, Path, path_from_rates
+from ._geometry import Optics
+from ._path import Motion, Path, path_from_rates
+from ._scene import Scene, row_delay
+from .ground_effects import GroundEffect
 from .lighting import Lighting, lit
+from .moving_object import MovingObject
 from .sensor import WEBCAM, Sensor, sensor_or
-from .textures import BANDS, CONTRAST_LEVELS, MEAN_LEVEL, Texture
+from .textures import BANDS, CONTRAST_LEVELS, Texture
 
-__all__ = ["Flight", "MovingObject", "flight", "flight_with_object"]
+__all__ = ["Flight", "flight", "flight_with_object"]
 
 F64 = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class MovingObject:
-    """A flat thing that slides over the ground, with a texture of its own.
-
-    Attributes
-    ----------
-    center_m : (x, y)
-        Where it is on the ground at time 0, from the point below the camera; x and y as the camera's.
-    size_m : (float, float)
-        Its extent along x and y.
-    velocity_m_s : (x, y)
-        Its velocity over the ground.
-    shape : {"ellipse", "rectangle"}
-        Its outline.
-    level : float
-        Its mean grey level.
-    seed : int
-        Of its texture.
-
-    Examples
-    --------
-    >>> from rsflow import synthetic
-    >>> thing = synthetic.MovingObject((0.01, 0.0), (0.02, 0.01), (0.05, 0.0), shape="rectangle")
-    >>> flight = synthetic.flight(frames=3, objects=[thing], seed=1)
-    >>> bool((flight.masks == 1).any()), flight.objects == (thing,)
-    (True, True)
-    """
-
-    center_m: tuple[float, float]
-    size_m: tuple[float, float]
-    velocity_m_s: tuple[float, float]
-    shape: str = "ellipse"
-    level: float = 150.0
-    seed: int = 1_000
-
-    def __post_init__(self) -> None:
-        put = functools.partial(object.__setattr__, self)
-        for name in ("center_m", "size_m", "velocity_m_s"):
-            values = _checks.vector(name, getattr(self, name), 2, "two finite numbers, along x and y")
-            put(name, tuple(values.tolist()))
-        if not 1e-9 <= min(self.size_m) <= max(self.size_m) <= 1e9:
-            raise _checks.refused("size_m", self.size_m, "two lengths from 1e-09 to 1e+09 metres")
-        _checks.choice("shape", self.shape, ("ellipse", "rectangle"))
-        put("level", _checks.number("level", self.level, least=-1e9, most=1e9, of="grey levels"))
-        put("seed", _checks.integer("seed", self.seed, least=0))
-
-    def covers(self, x: F64, y: F64, t_s: float) -> NDArray[np.bool_]:
-        """Whether the ground at (x, y), in metres, is under the object at time `t_s`."""
-        x = _checks.array("x", x, ..., "metres on the ground").astype(np.float64, copy=False)
-        y = _checks.array("y", y, ..., "metres on the ground").astype(np.float64, copy=False)
-        t_s = _checks.number("t_s", t_s, of="seconds")
-        _checks.broadcast("x, y", x, y)
-        # Far outside it overflows, and is outside.
-        with np.errstate(over="ignore", invalid="ignore"):
-            a = (x - self.center_m[0] - self.velocity_m_s[0] * t_s) / (0.5 * self.size_m[0])
-            b = (y - self.center_m[1] - self.velocity_m_s[1] * t_s) / (0.5 * self.size_m[1])
-            if self.shape == "ellipse":
-                return np.asarray(a * a + b * b <= 1.0)
-        return np.asarray((np.abs(a) <= 1.0) & (np.abs(b) <= 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +41,7 @@ class Flight:
         The camera that took the frames.
     images : (N, height, width) of the sensor's dtype
     t_s : (N,) float64
-        Time of each frame, the middle of its exposure.
+        Time of each frame: the middle of its exposure, of that of its middle row where the shutter rolls.
     height_m : (N,) float64
         Perpendicular distance from the ground.
     velocity_m_s : (N, 3) float64
@@ -113,6 +55,13 @@ class Flight:
     masks : (N, height, width) uint8
         0 on the ground, k where object k - 1 is seen.
     objects : tuple of MovingObject
+    path : Path
+        The pose at any time.
+    readout_s : float
+        How much later the last row is exposed than the first: row r of H is, by ``readout_s * (r / (H - 1) - 1 / 2)``,
+        later than the frame's time. 0 for a global shutter.
+    shown_s : (N,) float64
+        When the picture was taken that each frame shows: `t_s`, but for frames that `repeated` gives once more.
 
     Examples
     --------
@@ -135,6 +84,8 @@ class Flight:
     masks: NDArray[np.uint8]
     objects: tuple[MovingObject, ...]
     path: Path = field(repr=False)
+    readout_s: float
+    shown_s: F64
 
     __repr__ = fields
 
@@ -147,7 +98,7 @@ class Flight:
             yield Frame(image, float(t_s), index)
 
     def flow(self, index: int) -> F64:
-        """Compute the exact flow from frame `index - 1` to frame `index`, objects included.
+        """Compute the exact flow from frame `index - 1` to frame `index`, objects and rolling shutter included.
 
         Returns
         -------
@@ -156,16 +107,29 @@ class Flight:
         """
         index = _checks.integer("index", index, least=1, most=len(self) - 1)
         optics = Optics(self.camera)
-        before, after = float(self.t_s[index - 1]), float(self.t_s[index])
-        x, y = optics.ground(*self.path.at(before), margin=0)
-        x, y = np.broadcast_arrays(x, y)
-        to_x, to_y = x.copy(), y.copy()
-        for number, thing in enumerate(self.objects, 1):
-            inside = self.masks[index - 1] == number
-            to_x[inside] += thing.velocity_m_s[0] * (after - before)
-            to_y[inside] += thing.velocity_m_s[1] * (after - before)
-        u, v = optics.project(to_x, to_y, *self.path.at(after))
-        rows, columns = np.indices(u.shape)
+        rows, columns = np.indices((optics.height, optics.width), dtype=np.float64)
+        before, after = float(self.shown_s[index - 1]), float(self.shown_s[index])
+        start = before + row_delay(rows[:, :1], optics.height, self.readout_s) if self.readout_s else np.array(before)
+        ground_x, ground_y = np.broadcast_arrays(*optics.ground(*self.path.at(start), margin=0))
+
+        def seen(at: F64) -> tuple[F64, F64]:
+            """Pixels of the same ground, and of what moves on it, at times that broadcast."""
+            to_x, to_y = ground_x.copy(), ground_y.copy()
+            since = np.broadcast_to(at - start, to_x.shape)
+            for number, thing in enumerate(self.objects, 1):
+                inside = self.masks[index - 1] == number
+                to_x[inside] += thing.velocity_m_s[0] * since[inside]
+                to_y[inside] += thing.velocity_m_s[1] * since[inside]
+            return optics.project(to_x, to_y, *self.path.at(at))
+
+        u, v = seen(np.array(after))
+        if self.readout_s:
+            # Where a point is seen depends on when its row is exposed.
+            for _ in range(60):
+                told = np.where(np.isfinite(v), v, 0.0)
+                last, (u, v) = v, seen(after + row_delay(told, optics.height, self.readout_s))
+                if not np.nanmax(np.abs(v - last), initial=0.0) > 1e-10:
+                    break
         return np.stack([u - columns, v - rows], axis=-1)
 
 
@@ -176,13 +140,17 @@ def flight(
     rate_hz: float = 30.0,
     times_s: ArrayLike | None = None,
     height_m: float = 0.2,
-    velocity_m_s: ArrayLike = (0.02, 0.0, 0.0),
-    rate_rad_s: ArrayLike = (0.0, 0.0, 0.0),
+    velocity_m_s: Motion = (0.02, 0.0, 0.0),
+    rate_rad_s: Motion = (0.0, 0.0, 0.0),
     tilt_rad: tuple[float, float] = (0.0, 0.0),
     kind: str = "ground",
+    ground: Texture | None = None,
+    contrast_levels: float = CONTRAST_LEVELS,
     texture_scale_m: float | None = None,
+    ground_effects: Sequence[GroundEffect] = (),
     sensor: Sensor = WEBCAM,
     exposure_s: float = 0.0,
+    readout_s: float = 0.0,
     exposure_drift: Callable[[float], Lighting] | None = None,
     lighting: Lighting | None = None,
     objects: Sequence[MovingObject] = (),
@@ -202,24 +170,35 @@ def flight(
         Times of the frames, increasing; replaces `frames` and `rate_hz`.
     height_m : float
         Perpendicular distance from the ground at the first frame.
-    velocity_m_s : (3,) or (N - 1, 3) array_like
-        Velocity of the camera in its own axes, for the whole flight or for each interval; z positive goes down.
-    rate_rad_s : (3,) or (N - 1, 3) array_like
+    velocity_m_s : (3,) or (N - 1, 3) array_like, or callable
+        Velocity of the camera in its own axes, for the whole flight or for each interval, or a function of the time in
+        seconds; z positive goes down.
+    rate_rad_s : (3,) or (N - 1, 3) array_like, or callable
         Angular rate in the camera's own axes, right-handed.
     tilt_rad : (float, float)
         Attitude at the first frame: a turn about the camera's x axis, then one about its y axis.
     kind : str
         Texture of the ground, see `rsflow.synthetic.BANDS`.
+    ground : Texture, optional
+        Ground of another kind, such as `tiled_floor()`; it goes before `kind`.
+    contrast_levels : float
+        Standard deviation of the ground in grey levels, before blur: 1 to 2 for fine concrete, 0 for none.
     texture_scale_m : float, optional
         Metres on the ground for one pixel of the texture's bands; by default what a pixel sees at the first frame.
+    ground_effects : sequence of GroundEffect
+        What changes the look of the ground, and of what is on it, with place and time: `moving_shadow`, `water`.
     sensor : Sensor
         Blur, noise and dtype.
     exposure_s : float
         Time of exposure, for motion blur, around the time of the frame.
+    readout_s : float
+        Rolling shutter: how much later the last row is exposed than the first. The frame's time is the middle of its
+        middle row's exposure. Negative where the last row comes first.
     exposure_drift : callable, optional
         Time in seconds to the light of that moment, such as `auto_exposure(0.15)`.
     lighting : Lighting, optional
-        Light that stays fixed in the image, such as `ramp(0.8, 1.2)`: vignetting or a lamp on the camera.
+        What stays fixed in the image, such as `ramp(0.8, 1.2)` (vignetting or a lamp on the camera), `dirt()` or
+        `VehiclePart()`; `combined` takes several.
     objects : sequence of MovingObject
         What moves on the ground; later ones lie on top.
     seed : int
@@ -247,28 +226,32 @@ def flight(
     rate_hz = _checks.number("rate_hz", rate_hz, least=1e-6, most=1e6, of="frames per second")
     height_m = _checks.number("height_m", height_m, least=1e-6, most=1e9, of="metres")
     exposure_s = _checks.number("exposure_s", exposure_s, least=0, most=1e6, of="seconds")
-    seed = _checks.integer("seed", seed, least=0)
-    _checks.choice("kind", kind, BANDS)
     tilt = _checks.vector("tilt_rad", tilt_rad, 2, "two finite angles in radians")
-    tilt_rad = (float(tilt[0]), float(tilt[1]))
     sensor = sensor_or(WEBCAM, sensor)
     lighting = None if lighting is None else _checks.function("lighting", lighting, 1)
     drift = None if exposure_drift is None else _checks.function("exposure_drift", exposure_drift, 1)
-    objects = list(_checks.iterable("objects", objects, "MovingObjects"))
-    for thing in objects:
-        _checks.instance("objects", thing, MovingObject, "MovingObjects")
     if times_s is None:
         times = np.arange(frames) / rate_hz
     else:
         expected = "finite times in seconds, each later than the one before"
         times = _checks.array("times_s", times_s, ("N",), expected, finite=True).astype(np.float64)
-    path = path_from_rates(times, height_m, velocity_m_s, rate_rad_s, tilt_rad)
+    path = path_from_rates(times, height_m, velocity_m_s, rate_rad_s, (float(tilt[0]), float(tilt[1])))
     optics = Optics(camera)
     given = _checks.number_or_none("texture_scale_m", texture_scale_m, least=1e-9, most=1e9, of="metres")
-    scale = height_m / optics.focal_px if given is None else given
-    # The ground repeats after at least two pictures' width.
-    period = 1 << max(9, int(np.ceil(np.log2(2 * max(optics.width, optics.height)))))
-    scene = _Scene(optics, path, Texture.make(kind, seed=seed, period=period), scale, tuple(objects), kind)
+    seed = _checks.integer("seed", seed, least=0)
+    scene = Scene(
+        optics=optics,
+        path=path,
+        ground=_ground(kind, ground, seed, optics),
+        scale_m=height_m / optics.focal_px if given is None else given,
+        contrast_levels=_checks.number("contrast_levels", contrast_levels, least=0, most=1e9, of="grey levels"),
+        objects=[_checks.instance("objects", thing, MovingObject, "MovingObjects")
+                 for thing in _checks.iterable("objects", objects, "MovingObjects")],
+        kind=kind,
+        effects=[_checks.function("ground_effects", e, 4) for e in _checks.iterable("ground_effects", ground_effects,
+                                                                                    "functions of 4 arguments")],
+        readout_s=_checks.number("readout_s", readout_s, least=-1e6, most=1e6, of="seconds"),
+    )  # fmt: skip
     rng = np.random.default_rng([seed, 15_485_863])
     images, masks = [], []
     for t_s in times:
@@ -278,20 +261,40 @@ def flight(
             image = lit("exposure_drift", _checks.function("exposure_drift", drift(float(t_s)), 1), image)
         images.append(sensor.expose(image, rng))
         masks.append(scene.mask(float(t_s)))
-    poses = [path.at(float(t)) for t in times]
+    return _flown(camera, scene, times, np.stack(images), np.stack(masks))
+
+
+def _ground(kind: str, ground: Texture | None, seed: int, optics: Optics) -> Texture:
+    _checks.choice("kind", kind, BANDS)
+    if ground is not None:
+        return _checks.instance("ground", ground, Texture, "a Texture or None")
+    # The ground repeats after at least two pictures' width.
+    period = 1 << max(9, int(np.ceil(np.log2(2 * max(optics.width, optics.height)))))
+    return Texture.make(kind, seed=seed, period=period)
+
+
+def _flown(camera: Camera, scene: Scene, times: F64, images: NDArray[Any], masks: NDArray[np.uint8]) -> Flight:
+    """Put the truth of the frames beside them."""
+    path = scene.path
+    position, rotation = path.at(times)
+    # Between frames alone the means are what was asked for, to the last bit.
+    asked = path.velocity_m_s, path.rate_rad_s
+    velocity, rate = asked if len(path.t_s) == len(times) else path.means(times[:-1], times[1:])
     unknown = np.full((1, 3), np.nan)
     return Flight(
         camera=camera,
-        images=np.stack(images),
+        images=images,
         t_s=times,
-        height_m=np.array([-position[2] for position, _ in poses]),
-        velocity_m_s=np.vstack([unknown, path.velocity_m_s]),
-        rate_rad_s=np.vstack([unknown, path.rate_rad_s]),
-        down=np.stack([rotation.T @ (0.0, 0.0, 1.0) for _, rotation in poses]),
-        position_m=np.stack([position for position, _ in poses]),
-        masks=np.stack(masks),
-        objects=tuple(objects),
+        height_m=-position[:, 2],
+        velocity_m_s=np.vstack([unknown, velocity]),
+        rate_rad_s=np.vstack([unknown, rate]),
+        down=rotation[:, 2, :].copy(),
+        position_m=np.array(position),
+        masks=masks,
+        objects=tuple(scene.objects),
         path=path,
+        readout_s=scene.readout_s,
+        shown_s=times.copy(),
     )
 
 
@@ -300,7 +303,7 @@ def flight_with_object(
     *,
     objects: Sequence[MovingObject] | None = None,
     height_m: float = 0.2,
-    velocity_m_s: ArrayLike = (0.02, 0.0, 0.0),
+    velocity_m_s: Motion = (0.02, 0.0, 0.0),
     **options: Any,
 ) -> Flight:
     """Render a `flight` over ground on which something moves; `Flight.masks` says where it is seen.
@@ -322,7 +325,8 @@ def flight_with_object(
     """
     camera = _camera(camera)
     height_m = _checks.number("height_m", height_m, least=1e-6, most=1e9, of="metres")
-    velocity = _checks.array("velocity_m_s", velocity_m_s, ..., "finite numbers, (3,) or (N - 1, 3)", finite=True)
+    start = _checks.function("velocity_m_s", velocity_m_s, 1)(0.0) if callable(velocity_m_s) else velocity_m_s
+    velocity = _checks.array("velocity_m_s", start, ..., "finite numbers, (3,) or (N - 1, 3)", finite=True)
     if velocity.ndim not in (1, 2) or velocity.shape[-1] != 3 or velocity.size == 0:
         raise ShapeError(f"velocity_m_s: got shape {velocity.shape}, expected (3,) or (N - 1, 3)")
     if objects is None:
@@ -338,52 +342,3 @@ def _camera(camera: Camera | None) -> Camera:
     if camera is None:
         return Camera(180.0, 180.0, 87.5, 71.5, width=176, height=144)
     return _checks.instance("camera", camera, Camera, "an rsflow.Camera")
-
-
-class _Scene:
-    """The ground and what moves on it, seen along a path."""
-
-    def __init__(
-        self,
-        optics: Optics,
-        path: Path,
-        ground: Texture,
-        scale_m: float,
-        objects: tuple[MovingObject, ...],
-        kind: str,
-    ) -> None:
-        self.optics, self.path, self.ground, self.scale_m, self.objects = optics, path, ground, scale_m, objects
-        self.textures = [Texture.make(kind, seed=thing.seed, period=256) for thing in objects]
-
-    def exposed(self, t_s: float, exposure_s: float, margin: int) -> F64:
-        """Render the picture without noise, averaged over the exposure, with `margin` more pixels on each side."""
-        if exposure_s == 0.0:
-            return self.instant(t_s, margin)
-        # Half a pixel between instants: the sum then differs from the integral by less than the rounding to uint8.
-        way_px = self.optics.longest_way(self.path, t_s - exposure_s / 2, t_s + exposure_s / 2)
-        count = int(np.clip(np.ceil(2.0 * way_px), 2, 64))
-        moments = t_s + exposure_s * ((np.arange(count) + 0.5) / count - 0.5)
-        return np.asarray(sum(self.instant(float(t), margin) for t in moments) / count)
-
-    def instant(self, t_s: float, margin: int) -> F64:
-        x, y = self.optics.ground(*self.path.at(t_s), margin=margin)
-        seen = np.isfinite(x) & np.isfinite(y)
-        image = self.ground.sample(np.where(np.isfinite(x), x, 0.0) / self.scale_m,
-                                   np.where(np.isfinite(y), y, 0.0) / self.scale_m)  # fmt: skip
-        image = np.where(seen, MEAN_LEVEL + CONTRAST_LEVELS * image, MEAN_LEVEL)
-        for thing, own in zip(self.objects, self.textures, strict=True):
-            inside = thing.covers(x, y, t_s)
-            if inside.any():
-                wide_x, wide_y = np.broadcast_arrays(x, y)
-                dx = wide_x[inside] - thing.velocity_m_s[0] * t_s
-                dy = wide_y[inside] - thing.velocity_m_s[1] * t_s
-                image[inside] = thing.level + CONTRAST_LEVELS * own.sample(dx / self.scale_m, dy / self.scale_m)
-        return image
-
-    def mask(self, t_s: float) -> NDArray[np.uint8]:
-        mask = np.zeros((self.optics.height, self.optics.width), dtype=np.uint8)
-        if self.objects:
-            x, y = self.optics.ground(*self.path.at(t_s), margin=0)
-            for number, thing in enumerate(self.objects, 1):
-                mask[thing.covers(x, y, t_s)] = number
-        return mask
