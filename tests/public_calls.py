@@ -632,6 +632,9 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.velocity.Rates": lambda _: (velocity.Rates, _fields(_rates())),
     "rsflow.velocity.Rates.mean": lambda _: (_rates().mean, {"begin_s": 0.0, "end_s": 0.1}),
     "rsflow.velocity.Rates.read": lambda folder: (velocity.Rates.read, {"path": folder / "rates.csv"}),
+    "rsflow.velocity.Sensors": lambda _: (velocity.Sensors, {}),
+    "rsflow.velocity.Sensors.validate": lambda _: (velocity.Sensors().validate, {}),
+    "rsflow.velocity.mounting": lambda _: (velocity.mounting, {"mount": "x-right"}),
     "rsflow.velocity.plot_velocity": lambda folder: (
         velocity.plot_velocity,
         {"path": folder / "v.png", "rows": [velocity.velocity_row(a_velocity(), frame=1, height_m=0.2)]},
@@ -643,6 +646,10 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.velocity.write_velocity_csv": lambda folder: (
         velocity.write_velocity_csv,
         {"path": folder / "v.csv", "rows": [velocity.velocity_row(a_velocity(), frame=1, height_m=0.2)]},
+    ),
+    "rsflow.velocity.write_velocity_parquet": lambda folder: (
+        velocity.write_velocity_parquet,
+        {"path": folder / "v.parquet", "rows": [velocity.velocity_row(a_velocity(), frame=1, height_m=0.2)]},
     ),
     "rsflow.video.encoder": lambda _: (rsflow.video.encoder, {}),
     "rsflow.video.write_lossless": lambda folder: (

@@ -258,7 +258,10 @@ def test_unknown_and_partial_results_are_refused(here, capsys):
 OTHERS = {
     "segment": (["segment", "{}", "-o", "out"], {"moving.mp4", "static.mp4", "objects.csv"}),
     "track": (["track", "{}", "-o", "out"], {"tracks.mp4", "tracks.csv"}),
-    "velocity": (["velocity", "{}", "-o", "out", *METRIC], {"velocity.csv", "velocity.png"}),
+    "velocity": (
+        ["velocity", "{}", "-o", "out", *METRIC],
+        {"velocity.csv", "velocity.svg", "velocity.png", "trajectory.csv"},
+    ),
     "flow": (["flow", "{}", "-o", "out"], {f"flow_{k:06d}.flo" for k in range(1, 12)}),
 }
 

@@ -143,10 +143,11 @@ def test_without_matplotlib_the_table_is_written(
     arguments = ["velocity", str(folder / "*.png"), "--rate", "20", "--camera", str(folder / "cam.json")]
     assert cli.main([*arguments, "--height", "0.2", "-o", str(tmp_path)]) == 0
     printed = capsys.readouterr()
-    assert "no plot: drawing the velocity needs the package 'matplotlib'" in printed.err
+    assert "no velocity.png: drawing the velocity needs the package 'matplotlib'" in printed.err
     assert "pip install 'rsflow-motion[plot]'" in printed.err
     assert len(table(tmp_path / "velocity.csv")) == 5
     assert not (tmp_path / "velocity.png").exists()
+    assert (tmp_path / "velocity.svg").read_text().startswith("<svg xmlns=")
 
 
 def test_ctrl_c_keeps_what_is_measured(
@@ -172,7 +173,7 @@ def test_ctrl_c_keeps_what_is_measured(
 
 def test_usage(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["velocity", "clip.mp4", "--camera", "cam.yaml"]) == 2
-    assert "one of the arguments --height --height-csv is required" in capsys.readouterr().err
+    assert "one of the arguments --height --height-csv --range-csv is required" in capsys.readouterr().err
     assert cli.main(["velocity", "clip.mp4", "--camera", "cam.yaml", "--height", "1", "--height-csv", "h.csv"]) == 2
     capsys.readouterr()
     assert cli.main(["velocity", "no.mp4", "--camera", "no-cam.yaml", "--height", "1"]) == 1

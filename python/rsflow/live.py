@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from ._checks.knobs import Illumination
     from .camera.model import Camera
     from .capture.stream import Frames, FrameSource
+    from .extraction.ground import Ground
+    from .velocity import Sensors
 
 __all__ = ["LiveReading", "readings"]
 
@@ -46,8 +48,8 @@ class LiveReading:
     image : (H, W) or (H, W, 3) array
         The frame, for a viewer.
     notes : tuple of str
-        What to know of the velocities: that the camera was scaled to the size of the frames, and what their deviations
-        leave out since it was not stated.
+        What to know of the velocities: that the camera was scaled to the size of the frames, what logs of sensors have
+        holes, and what their deviations leave out since it was not stated.
 
     Examples
     --------
@@ -106,8 +108,9 @@ def readings(
     source: FrameSource = 0,
     *,
     camera: Camera | str | os.PathLike[str] | None = None,
-    height_m: float | None = None,
+    height_m: float | str | os.PathLike[str] | None = None,
     height_std_m: float | None = None,
+    sensors: Sensors | None = None,
     roi: tuple[int, int, int, int] | None = None,
     mask: NDArray[np.bool_] | str | os.PathLike[str] | None = None,
     illumination: Illumination = "gain_offset",
@@ -122,8 +125,12 @@ def readings(
         A camera's index or a stream's URL; a video or a list of pictures serves for a rehearsal, without dropping.
     camera : Camera or path, optional
         With `height_m`: the calibrated camera, for velocities.
-    height_m, height_std_m : float, optional
-        Distance from the ground, and its standard deviation, in metres; 0 says that it is exact.
+    height_m : float or path, optional
+        Distance from the ground in metres, or for a rehearsal on a video a CSV, see `rsflow.velocity.Heights`.
+    height_std_m : float, optional
+        Its standard deviation in metres; 0 says that it is exact.
+    sensors : rsflow.velocity.Sensors, optional
+        How the camera is mounted, what is known of clocks and shutter; for a rehearsal also logs of sensors.
     roi : (x, y, width, height), optional
         Part of the picture to look at, in pixels.
     mask : ndarray of bool, (height, width), or path, optional
@@ -162,20 +169,32 @@ def readings(
 
     if (camera is None) != (height_m is None):
         raise OptionError("camera, height_m: got one of them, expected both, since a velocity follows from both")
-    if height_m is not None:
+    if isinstance(height_m, (str, os.PathLike)):
+        height_m = _checks.path("height_m", height_m, "metres or a path")
+    elif height_m is not None:
         height_m = _checks.number("height_m", height_m, above=0, of="metres")
+    if sensors is not None:
+        from .velocity import Sensors
+
+        _checks.instance("sensors", sensors, Sensors, "an rsflow.velocity.Sensors").validate()
+        if camera is None:
+            raise OptionError("sensors: got some, expected camera= and height_m= with them, for a velocity")
     height_std_m = _checks.number_or_none("height_std_m", height_std_m, least=0, of="metres")
     knobs.illumination(illumination)
     knobs.max_displacement(max_displacement)
     mask = _checks.path("mask", mask) if isinstance(mask, (str, os.PathLike)) else _checks.mask_or_none("mask", mask)
     stream = frames(source, color=True, roi=roi, timeout_s=timeout_s)
-    ground = None if camera is None else {"camera": camera, "height_m": height_m, "height_std_m": height_std_m}
+    ground = None
+    if camera is not None and height_m is not None:
+        from .extraction.ground import Ground
+
+        ground = Ground(camera, height_m, height_std_m, sensors)
     return _measured(stream, ground, roi, mask, illumination=illumination, max_displacement=max_displacement)
 
 
 def _measured(
     stream: Frames,
-    ground: dict[str, Any] | None,
+    ground: Ground | None,
     roi: tuple[int, int, int, int] | None,
     mask: NDArray[np.bool_] | str | os.PathLike[str] | None,
     **options: Any,
@@ -184,19 +203,15 @@ def _measured(
     from .extraction.rows import status_word
     from .shift import estimate_shift
 
-    estimator: Any = None
-    scaled = ""
     prev: Any = None
     with stream:
         counts = mask_of_frames(mask, stream, roi)
         for frame in stream:
-            if estimator is None and ground is not None:
-                from .extraction.metric import fitting_camera
-                from .velocity import VelocityEstimator
-
-                fitted, scaled = fitting_camera(ground.pop("camera"), stream, roi)
-                estimator = VelocityEstimator(fitted, **ground, mask=counts)
-            velocity = None if estimator is None else estimator.update(frame.image, frame.t_s)
+            velocity = None
+            if ground is not None:
+                if not ground.is_open:
+                    ground.open(stream, roi, counts)
+                velocity, _ = ground.update(frame)
             if prev is not None:
                 shift = estimate_shift(prev.image, frame.image, mask=counts, next_mask=counts, **options)
                 std = np.sqrt(np.diag(shift.covariance))
@@ -211,15 +226,15 @@ def _measured(
                     status=status_word(shift.status),
                     **_velocity_fields(velocity),
                     image=frame.color if frame.color is not None else frame.image,
-                    notes=() if velocity is None else _notes(scaled, velocity.unstated),
+                    notes=() if ground is None or velocity is None else _notes(ground, velocity.unstated),
                 )
             prev = frame
 
 
-def _notes(scaled: str, unstated: tuple[str, ...]) -> tuple[str, ...]:
+def _notes(ground: Ground, unstated: tuple[str, ...]) -> tuple[str, ...]:
     from .velocity.result import not_stated
 
-    return tuple(note for note in (scaled, not_stated(unstated)) if note)
+    return tuple(note for note in (*ground.notes, not_stated(unstated)) if note)
 
 
 def _velocity_fields(velocity: Any) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from rsflow.cli._options import (
     add_roi,
     source_of,
 )
+from rsflow.cli._sensors import add_ground, height_of, sensors_of
 
 if TYPE_CHECKING:
     from rsflow.extraction import Extraction
@@ -39,6 +40,7 @@ SOURCE is a video, a folder or glob of pictures, a camera's number (stop with Ct
 examples:
   rsflow extract clip.mp4 -o out
   rsflow extract clip.mp4 -o out --camera cam.yaml --height 0.2
+  rsflow extract clip.mp4 -o out --camera cam.yaml --range-csv ranges.csv --height-std 0.02 --rates gyro.csv
   rsflow extract 'frames/*.png' -o out --rate 30
   rsflow extract clip.mp4 -o out --start 100 --stop 400 --roi 0,80,640,400
   rsflow extract clip.mp4 -o out --mask scene.png         black in scene.png: letters over the picture, own vehicle
@@ -53,13 +55,7 @@ exit codes: 0 done, 1 failed, 2 wrong usage, 130 interrupted."""
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that `extract` and `batch` share."""
     metric = parser.add_argument_group("metres per second")
-    metric.add_argument("--camera", metavar="FILE", help="calibrated camera: ROS, OpenCV or kalibr YAML, or JSON")
-    height = metric.add_mutually_exclusive_group()
-    height.add_argument("--height", type=float, metavar="M", help="height over the ground in metres")
-    height.add_argument("--height-csv", metavar="FILE", help="heights: columns t_s,height_m or frame,height_m")
-    metric.add_argument(
-        "--height-std", type=float, metavar="M", help="standard deviation of the height, 0 where it is exact"
-    )
+    add_ground(metric)
     part = parser.add_argument_group("part of the source")
     add_range(part)
     add_roi(part)
@@ -95,8 +91,9 @@ def options(args: argparse.Namespace) -> dict[str, Any]:
     """Keyword arguments of `rsflow.extract` from the parsed options."""
     return {
         "camera": args.camera,
-        "height_m": args.height if args.height_csv is None else args.height_csv,
+        "height_m": height_of(args),
         "height_std_m": args.height_std,
+        "sensors": sensors_of(args),
         "start": args.start,
         "stop": args.stop,
         "stride": args.stride,

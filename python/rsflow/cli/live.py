@@ -10,6 +10,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from rsflow.cli._options import add_mask, add_max_displacement, add_roi, source_of
+from rsflow.cli._sensors import add_ground, height_of, sensors_of
 from rsflow.errors import RsflowError
 
 if TYPE_CHECKING:
@@ -34,9 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "source", nargs="?", default="0", metavar="INDEX", help="camera number, stream URL or video (default 0)"
     )
-    parser.add_argument("--camera", metavar="FILE", help="calibrated camera, with --height")
-    parser.add_argument("--height", type=float, metavar="M", help="height over the ground in metres, with --camera")
-    parser.add_argument("--height-std", type=float, metavar="M", help="its standard deviation, 0 where it is exact")
+    add_ground(parser)
     add_roi(parser)
     add_mask(parser)
     add_max_displacement(parser)
@@ -44,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, metavar="S", help="end after S seconds")
     parser.add_argument("--timeout", type=float, default=5.0, metavar="S", help="give up a silent camera (default 5 s)")
     parser.add_argument("--window", action="store_true", help="show the picture with the displacement as an arrow")
-    parser.add_argument("--json", action="store_true", help="a JSON object a line")
+    parser.add_argument("--json", "--json-lines", action="store_true", help="a JSON object a line")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -55,8 +54,9 @@ def run(args: argparse.Namespace) -> int:
     stream = readings(
         source_of(args.source),
         camera=args.camera,
-        height_m=args.height,
+        height_m=height_of(args),
         height_std_m=args.height_std,
+        sensors=sensors_of(args),
         roi=args.roi,
         mask=args.mask,
         max_displacement=args.max_displacement,

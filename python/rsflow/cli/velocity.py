@@ -11,30 +11,46 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rsflow.cli._options import add_mask, add_overwrite, add_range, add_rate, identity_of, mask_of, source_of
-from rsflow.errors import OptionError
+from rsflow.cli._sensors import FILES, add_ground, height_of, sensors_of
 
 if TYPE_CHECKING:
     from rsflow._results.folder import ResultFolder
     from rsflow.capture import Frames
-    from rsflow.velocity import Heights
+
+FILES_OF = {
+    "csv": "velocity.csv",
+    "trajectory": "trajectory.csv",
+    "svg": "velocity.svg",
+    "plot": "velocity.png",
+    "parquet": "velocity.parquet",
+}
 
 DESCRIPTION = """\
 Measure how fast a camera travels over flat ground, and what the figures are worth.
 
-Needs a calibrated camera (see 'rsflow calibrate') and the height over the ground: constant, or a CSV with the columns
-t_s,height_m (read between its rows) or frame,height_m. Writes into the folder OUT:
+Needs a calibrated camera (see 'rsflow calibrate') and the height over the ground: constant, or a log of heights or
+ranges. Writes into the folder OUT:
 
-  velocity.csv   a row a frame: frame,t_s,dt_s,vx_m_s,vy_m_s,vz_m_s, their standard deviations, height_m,
-                 dx_px,dy_px (how far the picture went), n_points,status
-  velocity.png   the velocity over time (needs matplotlib: pip install 'rsflow-motion[plot]')
+  velocity.csv    a row a frame: frame,t_s,dt_s,vx_m_s,vy_m_s,vz_m_s, their deviations and covariances, height_m,
+                  dx_px,dy_px (how far the picture went), n_points,status; velocity.parquet too with --parquet
+  trajectory.csv  the path: x_m,y_m,z_m,heading_rad,distance_m, their deviations, the covariance of the place
+  velocity.svg    the velocity over time, with the band of its deviation
+  velocity.png    the same with the speed over ground (needs matplotlib: pip install 'rsflow-motion[plot]')
 
-Axes are the camera's: x right, y down the picture, z along the optical axis. A camera that moves to its right has
-vx > 0 while the picture flows to the left. What cannot be measured is nan, with the reason in the column status.
+Axes are the camera's: x right, y down the picture, z along the optical axis; with --mount the body's. A camera that
+moves to its right has vx > 0 while the picture flows to the left. What cannot be measured is nan, with the reason in
+the column status.
+
+Logs are CSV files with times of their own (t_s, t_ms, t_us or t_ns), or tables of PX4's ulog2csv and ArduPilot's
+mavlogdump.py as they are: see docs/sensor_logs.md.
 
 examples:
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2
-  rsflow velocity flight.mp4 --camera cam.yaml --height-csv heights.csv --height-std 0.002 -o out
+  rsflow velocity flight.mp4 --camera cam.yaml --range-csv ranges.csv --height-std 0.02 --rates gyro.csv -o out
+  rsflow velocity flight.mp4 --camera cam.yaml --range-csv log_distance_sensor_0.csv --log-start 312.4 \\
+      --rates log_sensor_combined_0.csv --attitude log_vehicle_attitude_0.csv --mount x-right
   rsflow velocity 'pictures/*.png' --rate 30 --camera cam.yaml --height 0.2 --json
+  rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --json-lines | while read line; do ...
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --mask ground.png     without what goes with the camera
 """
 
@@ -42,62 +58,55 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``rsflow velocity``."""
     parser.add_argument("source", metavar="SOURCE", help="video, folder or glob of pictures, camera number, URL")
-    parser.add_argument("--camera", metavar="FILE", required=True, help="calibration: ROS, OpenCV, kalibr or JSON")
-    height = parser.add_mutually_exclusive_group(required=True)
-    height.add_argument("--height", type=float, metavar="M", help="perpendicular distance from the ground in metres")
-    height.add_argument("--height-csv", metavar="FILE", help="heights: columns t_s,height_m or frame,height_m")
-    parser.add_argument(
-        "--height-std", type=float, metavar="M", help="standard deviation of the height, 0 where it is exact"
-    )
+    add_ground(parser, required=True)
     parser.add_argument("-o", "--output", default=".", metavar="OUT", help="folder for the files (default: this one)")
     add_mask(parser)
     add_rate(parser)
     add_range(parser)
     add_overwrite(parser)
-    parser.add_argument("--json", action="store_true", help="print a summary as JSON")
+    parser.add_argument("--parquet", action="store_true", help="write velocity.parquet too")
+    said = parser.add_mutually_exclusive_group()
+    said.add_argument("--json", action="store_true", help="print a summary as JSON")
+    said.add_argument("--json-lines", action="store_true", help="a JSON object a frame, the summary last")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, write the table and the plot, print a summary."""
+    """Measure, write the tables and the plots, print a summary."""
     import rsflow
     from rsflow.capture.masks import expect_size
     from rsflow.capture.too_few import too_few
-    from rsflow.extraction.metric import fitting_camera
+    from rsflow.extraction.ground import Ground
     from rsflow.extraction.summary import as_json
     from rsflow.extraction.trajectory import Trajectory
-    from rsflow.velocity import Heights, velocity_row, write_velocity_csv
     from rsflow.velocity.result import not_stated
 
-    camera = rsflow.Camera.load(args.camera)
-    heights = None if args.height_csv is None else Heights.read(args.height_csv)
+    height_m = height_of(args)
+    assert height_m is not None, "argparse wants one"
+    ground = Ground(args.camera, height_m, args.height_std, sensors_of(args))
     mask = mask_of(args.mask)
-    folder = Path(args.output)
-    table, picture = folder / "velocity.csv", folder / "velocity.png"
     rows: list[dict[str, Any]] = []
+    path: list[dict[str, Any]] = []
     trajectory = Trajectory()
-    budget, scaled, interrupted = "", "", False
-    unstated: tuple[str, ...] = ()
+    budget, interrupted = "", False
     broken: rsflow.RsflowError | None = None
     source = source_of(args.source)
     with (
         rsflow.frames(source, frame_rate=args.rate, start=args.start, stop=args.stop, stride=args.stride) as sequence,
-        _folder(args, source, sequence, [table, picture]) as result,
+        _folder(args, source, sequence) as result,
     ):
-        estimator = None
+        ground.expect_some(sequence)
         try:
             for frame in sequence:
-                if estimator is None:
-                    fitted, scaled = fitting_camera(camera, sequence, None)
+                if not ground.is_open:
                     if mask is not None:
-                        expect_size(f"--mask {args.mask}", mask, fitted.size)
-                    estimator = rsflow.VelocityEstimator(
-                        fitted, height_m=args.height, height_std_m=args.height_std, mask=mask
-                    )
-                own = None if heights is None else heights.at(frame=frame.index, t_s=frame.t_s)
-                v = estimator.update(frame.image, frame.t_s, height_m=own)
-                trajectory.add(v, frame.index)
-                rows.append(velocity_row(v, frame=frame.index, height_m=args.height if own is None else own))
-                budget, unstated = (v.budget(), v.unstated) if v.valid else (budget, unstated)
+                        expect_size(f"--mask {args.mask}", mask, (frame.image.shape[1], frame.image.shape[0]))
+                    ground.open(sequence, None, mask)
+                v, row = ground.update(frame)
+                path.append(trajectory.add(v, frame.index, down=ground.down))
+                rows.append(row)
+                budget = v.budget() if v.valid else budget
+                if args.json_lines:
+                    print(json.dumps(as_json(row)), flush=True)
         except KeyboardInterrupt:
             interrupted = True
         except rsflow.RsflowError as error:
@@ -108,64 +117,79 @@ def run(args: argparse.Namespace) -> int:
             raise KeyboardInterrupt
         if len(rows) < 2 and not interrupted and broken is None:
             raise too_few(sequence, len(rows))
-        if heights is not None and broken is None:
-            _expect_a_height(heights, rows, args.height_csv)
+        missed = ground.missed()
+        if missed is not None and broken is None:
+            raise missed
         result.record()
-        write_velocity_csv(table, rows)
-        note = _plotted(picture, rows, str(args.source))
-        result.finish([table] if note is not None else [table, picture])
-    pauses = () if heights is None else heights.notes
-    notes = [text for text in (*sequence.notes, *pauses, scaled, not_stated(unstated)) if text]
-    summary = _summary(rows) | as_json(trajectory.figures()) | {"std_without": list(unstated), "notes": notes}
-    summary |= {"csv": str(table), "plot": str(picture) if note is None else None}
-    if args.json:
-        print(json.dumps(summary, indent=2))
+        files, note = _write(args, rows, path)
+        result.finish(list(files.values()))
+    notes = [text for text in (*sequence.notes, *ground.notes, not_stated(ground.unstated)) if text]
+    summary = _summary(rows) | as_json(trajectory.figures()) | {"std_without": list(ground.unstated), "notes": notes}
+    summary |= {"variance_shares": ground.shares.shares()}
+    plot = files.get("plot", files["svg"])
+    summary |= {"csv": str(files["csv"]), "trajectory": str(files["trajectory"]), "svg": str(files["svg"])}
+    summary |= {"plot": str(plot), "parquet": str(files["parquet"]) if "parquet" in files else None}
+    if args.json or args.json_lines:
+        print(json.dumps(summary, indent=2 if args.json else None))
     else:
         _show(summary, budget)
-    if heights is not None and "no_height" in summary["status"]:
-        without = f"{summary['status']['no_height']} frames have no height: {args.height_csv} has {heights.span}"
-        print(f"rsflow velocity: {without}", file=sys.stderr)
+    for text in ground.gaps():
+        print(f"rsflow velocity: {text}", file=sys.stderr)
     if note is not None:
-        print(f"rsflow velocity: no plot: {note}", file=sys.stderr)
+        print(f"rsflow velocity: no {FILES_OF['plot']}: {note}", file=sys.stderr)
     if broken is not None:
-        raise type(broken)(f"{broken}; {table} has the {len(rows)} frames before") from broken
+        raise type(broken)(f"{broken}; {files['csv']} has the {len(rows)} frames before") from broken
     if interrupted:
-        raise KeyboardInterrupt(f"interrupted after {len(rows)} frames; {table} has them")
+        raise KeyboardInterrupt(f"interrupted after {len(rows)} frames; {files['csv']} has them")
     return 0
 
 
-def _folder(args: argparse.Namespace, source: int | str, sequence: Frames, files: list[Path]) -> ResultFolder:
+def _folder(args: argparse.Namespace, source: int | str, sequence: Frames) -> ResultFolder:
     """Find out whether the files may be written, before the work."""
     from rsflow._results.folder import ResultFolder
     from rsflow._results.inputs import Inputs
     from rsflow.capture.too_few import expect_range
 
     expect_range(sequence)
-    Inputs(source, files=(args.camera, args.height_csv, args.mask)).refuse(files)
-    identity = identity_of(source, args, files=("camera", "height_csv", "mask"))
-    return ResultFolder(files[0].parent, "velocity", [path.name for path in files], identity, overwrite=args.overwrite)
+    folder = Path(args.output)
+    names = [name for kind, name in FILES_OF.items() if kind != "parquet" or args.parquet]
+    Inputs(source, files=[getattr(args, name) for name in FILES]).refuse([folder / name for name in names])
+    identity = identity_of(source, args, files=FILES)
+    return ResultFolder(folder, "velocity", list(FILES_OF.values()), identity, overwrite=args.overwrite)
 
 
-def _expect_a_height(heights: Heights, rows: list[dict[str, Any]], path: str) -> None:
-    """Raise OptionError where no frame has a height."""
-    if not any(math.isfinite(row["height_m"]) for row in rows):
-        first, last = rows[0], rows[-1]
-        raise OptionError(
-            f"--height-csv: got {path} with {heights.span}, expected heights of the frames from {first['frame']} to "
-            f"{last['frame']}, at times from {first['t_s']:g} to {last['t_s']:g} s: none has a height"
-        )
-
-
-def _plotted(path: Path, rows: list[dict[str, Any]], title: str) -> str | None:
-    """Draw the plot; what stands in the way as a sentence."""
+def _write(
+    args: argparse.Namespace, rows: list[dict[str, Any]], path: list[dict[str, Any]]
+) -> tuple[dict[str, Path], str | None]:
+    """Write the files; give them by kind, and what stands in the way of the plot as a sentence."""
     from rsflow.errors import MissingExtraError
-    from rsflow.velocity import plot_velocity
+    from rsflow.extraction.columns import TRAJECTORY, VELOCITY, WORDS
+    from rsflow.extraction.series import Series
+    from rsflow.extraction.tables import CsvTable
+    from rsflow.extraction.velocity_plot import velocity_plot
+    from rsflow.io.atomic import writing
+    from rsflow.velocity import plot_velocity, write_velocity_csv, write_velocity_parquet
 
+    files = {kind: Path(args.output) / name for kind, name in FILES_OF.items()}
+    write_velocity_csv(files["csv"], rows)
+    with CsvTable(files["trajectory"], tuple(TRAJECTORY)) as table:
+        for row in path:
+            table.append(row)
+    series = Series(set(VELOCITY) - WORDS)
+    for row in rows:
+        series.append(row)
+    with writing(files["svg"]) as partial:
+        partial.write_text(velocity_plot(series, mounted=args.mount is not None), encoding="utf-8")
+    if args.parquet:
+        write_velocity_parquet(files["parquet"], rows)
+    else:
+        del files["parquet"]
     try:
-        plot_velocity(path, rows, title=title)
+        plot_velocity(files["plot"], rows, title=str(args.source))
     except MissingExtraError as error:
-        return str(error)
-    return None
+        del files["plot"]
+        return files, str(error)
+    return files, None
 
 
 def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -202,5 +226,5 @@ def _show(summary: dict[str, Any], budget: str) -> None:
     for text in summary["notes"]:
         print(f"note: {text}")
     print(f"table  {summary['csv']}")
-    if summary["plot"]:
-        print(f"plot   {summary['plot']}")
+    print(f"path   {summary['trajectory']}")
+    print(f"plot   {summary['plot']}")

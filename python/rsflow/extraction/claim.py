@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from .workspace import identities
 __all__ = ["Claim", "input_files", "written_names"]
 
 # Options that are files: what is in them counts, and nothing is written over them.
-_FILES = ("camera", "height_m", "mask")
+_FILES = ("camera", "height_m", "mask", "rates", "attitude")
 
 
 def written_names(settings: ExtractSettings) -> Iterator[str]:
@@ -33,7 +32,8 @@ def written_names(settings: ExtractSettings) -> Iterator[str]:
 
 def input_files(settings: ExtractSettings) -> list[Any]:
     """Give the files that a run reads beside its source."""
-    return [getattr(settings, name) for name in _FILES]
+    options = settings.flat()
+    return [options[name] for name in _FILES if name in options]
 
 
 class Claim:
@@ -56,8 +56,7 @@ class Claim:
     def __init__(self, folder: Path, source: Any, settings: ExtractSettings, *, overwrite: bool) -> None:
         self.folder, self.settings = folder, settings
         Inputs(source, files=input_files(settings)).refuse(folder / name for name in written_names(settings))
-        options = {item.name: getattr(settings, item.name) for item in fields(settings)}
-        self.identity = Identity.of(source, options, files=_FILES)
+        self.identity = Identity.of(source, settings.flat(), files=_FILES)
         self._stale: set[str] = set()
         found = sorted(path for name in written_names(settings) if (path := folder / name).exists())
         expect_plain(found)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from ..camera.model import Camera
     from ..capture.stream import FrameSource
+    from ..velocity import Sensors
 
 __all__ = ["extract"]
 
@@ -41,6 +42,7 @@ def extract(
     camera: Camera | str | os.PathLike[str] | None = None,
     height_m: float | str | os.PathLike[str] | None = None,
     height_std_m: float | None = None,
+    sensors: Sensors | None = None,
     start: int | None = None,
     stop: int | None = None,
     stride: int = 1,
@@ -73,10 +75,13 @@ def extract(
     camera : Camera or path, optional
         The calibrated camera, of the whole picture: `roi` is allowed for.
     height_m : float or path, optional
-        Perpendicular distance from the ground in metres, or a CSV with the columns ``t_s,height_m``.
+        Perpendicular distance from the ground in metres, or a CSV with the columns ``t_s,height_m`` or ``t_s,range_m``,
+        see `rsflow.velocity.Heights`.
     height_std_m : float, optional
         Standard deviation of the height, in metres; 0 says that it is exact. Without it the velocities' deviations
         leave it out, and the report says so.
+    sensors : rsflow.velocity.Sensors, optional
+        Logs of a gyro and of attitudes, how the camera is mounted, what is known of clocks and shutter.
     start, stop, stride : int, optional
         Frames to take, as ``range(start, stop, stride)``.
     roi : (x, y, width, height), optional
@@ -149,6 +154,7 @@ def extract(
         camera=camera,
         height_m=height_m,
         height_std_m=height_std_m,
+        sensors=sensors,
         start=start,
         stop=stop,
         stride=stride,
@@ -255,7 +261,7 @@ class _Job:
                 # Nothing to keep: the folder stays as it was.
                 raise failure or (KeyboardInterrupt() if interrupted else too_few(self.stream, self.taken))
             if failure is None and not interrupted:
-                failure = self.pipeline.without_height()
+                failure = self.pipeline.without_log()
             if interrupted and whole and failure is None:
                 failure = self._last_checkpoint()
             return self._ended(interrupted, failure, time.monotonic() - self.begin)
@@ -286,7 +292,7 @@ class _Job:
         """Separate, measure the velocity, and hand over to the files: beside the measuring of the next frame."""
         frame, shift, flow = item
         measured = self.pipeline.finish(frame, shift, flow)
-        self.outputs.add(measured)
+        self.outputs.add(measured, down=self.pipeline.down)
         self.last = frame.index
         if self.on_frame is not None:
             self.on_frame(measured)

@@ -1,9 +1,7 @@
-"""Metres per second: the camera that fits the frames, and the height of each."""
+"""Metres per second: the camera that fits the frames."""
 
 from __future__ import annotations
 
-import math
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +9,8 @@ from ..errors import OptionError
 
 if TYPE_CHECKING:
     from ..camera.model import Camera
-    from ..capture.stream import Frames
 
-__all__ = ["HeightOf", "fitting_camera"]
+__all__ = ["fitting_camera"]
 
 
 def fitting_camera(camera: Any, stream: Any, roi: tuple[int, int, int, int] | None) -> tuple[Camera, str]:
@@ -63,71 +60,3 @@ def _resized(old: tuple[int, int], new: tuple[int, int]) -> bool:
     if (old[0] == new[0]) != (old[1] == new[1]):
         return False
     return abs(new[1] - old[1] * new[0] / old[0]) < 1.0 or abs(new[0] - old[0] * new[1] / old[1]) < 1.0
-
-
-class HeightOf:
-    """Height over the ground at a frame: constant, or from a CSV (see `rsflow.velocity.Heights`)."""
-
-    def __init__(self, height_m: float | str | os.PathLike[str]) -> None:
-        from ..velocity import Heights
-
-        self._path = os.fspath(height_m) if isinstance(height_m, (str, os.PathLike)) else None
-        self._constant = math.nan if isinstance(height_m, (str, os.PathLike)) else float(height_m)
-        self._heights = Heights.read(self._path) if self._path is not None else None
-        self._known = 0
-        self._asked: list[tuple[int, float]] = []
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What is to be said of the heights in the CSV."""
-        return () if self._heights is None else self._heights.notes
-
-    def at(self, frame: int, t_s: float) -> float:
-        """Give the height in metres, NaN where the CSV has none."""
-        if self._heights is None:
-            return self._constant
-        height = self._heights.at(frame=frame, t_s=t_s)
-        self._known += math.isfinite(height)
-        # The first and the last.
-        self._asked = [*self._asked[:1], (frame, t_s)]
-        return height
-
-    def counts(self) -> tuple[int, list[tuple[int, float]]]:
-        """Give what `go_on` needs."""
-        return self._known, self._asked
-
-    def go_on(self, counts: tuple[int, list[tuple[int, float]]]) -> None:
-        """Be as after the frames that were counted."""
-        self._known, self._asked = counts
-
-    def expect_some(self, stream: Frames) -> None:
-        """Raise OptionError where it is plain before the first frame that none of `stream` has a height."""
-        count = stream.count
-        if self._heights is None or count is None or count == 0:
-            return
-        keys, taken = self._heights.keys, range(stream._start, stream._start + count * stream._stride, stream._stride)
-        # A container's own count and rate may be wrong by some: only what is far off is plain.
-        slack = max(10, count // 4)
-        if self._heights.by == "frame":
-            far = keys[0] > taken[-1] + slack or keys[-1] < taken[0]
-        elif stream.frame_rate and stream.timestamps in ("file", "given", "rate"):
-            first, last = taken[0] / stream.frame_rate, (taken[-1] + slack) / stream.frame_rate
-            far = keys[0] > 2 * last + 1 or keys[-1] < first / 2 - 1
-        else:
-            return
-        if far:
-            raise self._error(f"{stream.source} has {count} frames, from {taken[0]} to {taken[-1]}")
-
-    def missed(self) -> OptionError | None:
-        """Give the error that frames were asked for and none had a height, or None."""
-        if self._heights is None or self._known or not self._asked:
-            return None
-        (first, begin), (last, end) = self._asked[0], self._asked[-1]
-        return self._error(f"the frames from {first} to {last} are at times from {begin:g} to {end:g} s")
-
-    def _error(self, frames: str) -> OptionError:
-        assert self._heights is not None
-        return OptionError(
-            f"height_m: got {self._path} with {self._heights.span}, expected heights of the frames, but {frames}: no "
-            "frame has a height"
-        )

@@ -13,7 +13,7 @@ from .._display import fields
 from ..capture.masks import FixedMask, mask_of_frames
 from ..errors import OptionError
 from . import rows
-from .metric import HeightOf, fitting_camera
+from .ground import Ground
 from .probe import CameraDecision, arrow_style, camera_motion
 from .settings import ExtractSettings
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..segmentation.result import MotionSegmentation
     from ..segmentation.segmenter import MotionSegmenter
     from ..shift import Shift
-    from ..velocity import Velocity, VelocityEstimator
+    from ..velocity import Velocity
     from .checkpoint import Saved
 
 __all__ = ["Measured", "Pipeline"]
@@ -92,30 +92,26 @@ class Pipeline:
         self._prev_t_s = math.nan
         self._segmenter: MotionSegmenter | None = None
         self._last_segmentation: MotionSegmentation | None = None
-        self._velocity: VelocityEstimator | None = None
-        self._height: HeightOf | None = None
+        self.ground: Ground | None = None
         # "auto" is decided by `settle`.
         self.decision = (
             CameraDecision("static", "given as at rest")
             if settings.camera_motion == "static"
             else CameraDecision("moving", "given as moving")
         )
-        self.notes: list[str] = []
-        # What the velocities' deviations leave out.
-        self.unstated: tuple[str, ...] = ()
         if settings.height_m is not None:
+            assert settings.camera is not None, "the settings say so"
             # Read before the first frame: a wrong file must fail before anything is written.
-            self._height = HeightOf(settings.height_m)
-            self.notes.extend(self._height.notes)
+            self.ground = Ground(settings.camera, settings.height_m, settings.height_std_m, settings.sensors)
             if whole:
-                self._height.expect_some(stream)
+                self.ground.expect_some(stream)
 
     def measure(self, frame: Frame) -> tuple[Shift | None, FlowField | None]:
         """First step: displacement and dense flow since the frame before, None for the first."""
         from ..shift import estimate_shift
 
-        if self._prev is None and self.settings.height_m is not None:
-            self._open_velocity()
+        if self._prev is None and self.ground is not None:
+            self.ground.open(self.stream, self.settings.roi, self.mask)
         shift = None
         if self._prev is not None:
             shift = estimate_shift(
@@ -136,15 +132,6 @@ class Pipeline:
         self._fixed.expect_shape(image.shape)
         return self._fixed.filled(image)
 
-    def _open_velocity(self) -> VelocityEstimator:
-        from ..velocity import VelocityEstimator
-
-        camera, note = fitting_camera(self.settings.camera, self.stream, self.settings.roi)
-        if note:
-            self.notes.append(note)
-        self._velocity = VelocityEstimator(camera, height_std_m=self.settings.height_std_m, mask=self.mask)
-        return self._velocity
-
     def settle(self, pairs: Sequence[tuple[Any, FlowField | None]], width: int) -> QuiverStyle:
         """Decide from the first pairs; give the style of the arrows."""
         told = [pair for pair in pairs if pair[1] is not None]
@@ -163,8 +150,9 @@ class Pipeline:
         return {
             "decision": (self.decision.motion, self.decision.reason),
             "segmenter": self._segmenter,
-            "heights": None if self._height is None else self._height.counts(),
+            "logs": None if self.ground is None else self.ground.counts(),
             "unstated": self.unstated,
+            "variance": {} if self.ground is None else self.ground.shares.variance,
         }
 
     def go_on(self, saved: Saved, frame: Frame) -> None:
@@ -174,7 +162,6 @@ class Pipeline:
         from ..segmentation.result import SegmentationStatus
 
         self._segmenter = segmenter = state["segmenter"]
-        self.unstated = state["unstated"]
         # For the background, if no frame is left.
         self._last_segmentation = segmenter._result(
             frame.image, segmenter._previous, None, np.eye(3), self.decision.motion, (), SegmentationStatus.OK
@@ -182,9 +169,11 @@ class Pipeline:
         # The others know the frame before and no more.
         self._prev, self._prev_t_s = frame.image, frame.t_s
         self._dense.update(self._counted(frame.image))
-        if self._height is not None:
-            self._height.go_on(state["heights"])
-            self._open_velocity().update(frame.image, frame.t_s)
+        if self.ground is not None:
+            self.ground.unstated = state["unstated"]
+            self.ground.shares.variance = state["variance"]
+            self.ground.open(self.stream, self.settings.roi, self.mask)
+            self.ground.go_on(state["logs"], frame)
 
     def finish(self, frame: Frame, shift: Shift | None, flow: FlowField | None) -> Measured:
         """Second step: moving and static, velocity, and the rows of the tables."""
@@ -194,13 +183,8 @@ class Pipeline:
         dt_s = frame.t_s - self._prev_t_s
         self._prev_t_s = frame.t_s
         velocity, table_row = None, None
-        if self._velocity is not None and self._height is not None:
-            from ..velocity import velocity_row
-
-            height_m = self._height.at(frame.index, frame.t_s)
-            velocity = self._velocity.update(frame.image, frame.t_s, height_m=height_m)
-            self.unstated = velocity.unstated or self.unstated
-            table_row = velocity_row(velocity, frame=frame.index, height_m=height_m)
+        if self.ground is not None:
+            velocity, table_row = self.ground.update(frame)
         return Measured(
             frame=frame,
             flow=flow,
@@ -211,9 +195,24 @@ class Pipeline:
             velocity_row=table_row,
         )
 
-    def without_height(self) -> OptionError | None:
-        """Give the error that no frame had a height, or None."""
-        return None if self._height is None else self._height.missed()
+    @property
+    def notes(self) -> list[str]:
+        """What to know of the camera and of the logs, in sentences."""
+        return [] if self.ground is None else [*self.ground.notes, *(f"{text}." for text in self.ground.gaps())]
+
+    @property
+    def down(self) -> NDArray[np.float64] | None:
+        """Straight down in the body's axes at the last frame, where a log tells."""
+        return None if self.ground is None else self.ground.down
+
+    @property
+    def unstated(self) -> tuple[str, ...]:
+        """What the velocities' deviations leave out."""
+        return () if self.ground is None else self.ground.unstated
+
+    def without_log(self) -> OptionError | None:
+        """Give the error that a log had nothing for any frame, or None."""
+        return None if self.ground is None else self.ground.missed()
 
     def background(self) -> NDArray[np.uint8] | None:
         """Give the static scene at the end, None where there is none."""

@@ -14,6 +14,7 @@ from .report_page import Figure, Plot, Report, Table
 from .series import Series, runs
 from .summary import way_of
 from .svg import Curve, path_plot, time_plot
+from .velocity_plot import abscissa, axes_text, velocity_plot
 
 if TYPE_CHECKING:
     from .outputs import Outputs
@@ -49,7 +50,7 @@ def build(outputs: Outputs, summary: Mapping[str, Any], files: Mapping[str, Path
         notes=summary["notes"],
         figures=_figures(outputs, files, summary),
         plots=_plots(outputs),
-        tables=_tables(outputs, files),
+        tables=_tables(outputs, summary, files),
         settings=_settings(summary),
     )
 
@@ -110,7 +111,7 @@ def _plots(outputs: Outputs) -> list[Plot]:
     motion = outputs.series["motion"]
     if len(motion) < 2:
         return []
-    x, x_label = _abscissa(motion)
+    x, x_label = abscissa(motion)
     dx, dy = motion["dx_px"], motion["dy_px"]
     valid = np.isfinite(dx)
     valid[0] = True
@@ -177,11 +178,6 @@ def _plots(outputs: Outputs) -> list[Plot]:
     return plots + _velocity_plots(outputs)
 
 
-def _abscissa(series: Series) -> tuple[np.ndarray, str]:
-    t = series["t_s"]
-    return (t, "time in s") if np.isfinite(t).all() else (series["frame"], "frame")
-
-
 def _ways(motion: Series) -> list[tuple[np.ndarray, np.ndarray]]:
     """Sum and its deviation along each axis; NaN from where on they are not known."""
     way = way_of(motion)
@@ -211,41 +207,23 @@ def _velocity_plots(outputs: Outputs) -> list[Plot]:
     if "velocity" not in outputs.series or len(outputs.series["velocity"]) < 2:
         return []
     velocity, trajectory = outputs.series["velocity"], outputs.series["trajectory"]
-    x, x_label = _abscissa(velocity)
-    valid = np.isfinite(velocity["vx_m_s"])
-    valid[0] = True
+    mounted = outputs.settings.sensors is not None and outputs.settings.sensors.mount is not None
     return [
-        Plot(
-            "Velocity of the camera over the ground",
-            time_plot(
-                x,
-                [
-                    Curve("vx, right", velocity["vx_m_s"], velocity["vx_std_m_s"]),
-                    Curve("vy, down in the picture", velocity["vy_m_s"], velocity["vy_std_m_s"]),
-                    Curve("vz, along the line of sight", velocity["vz_m_s"], velocity["vz_std_m_s"]),
-                ],
-                title="velocity over time",
-                y_label="m/s",
-                x_label=x_label,
-                valid=valid,
-                y_least=1e-3,
-            ),
-            "In the camera's axes: a camera that moves to its right has vx above 0 while the picture flows to the left."
-            " Bands are one standard deviation.",
-        ),
+        Plot("Velocity of the camera over the ground", velocity_plot(velocity, mounted=mounted), axes_text(mounted)),
         Plot(
             "Path over the ground",
             path_plot(
                 trajectory["x_m"], trajectory["y_m"], title="path over the ground", x_label="x in m", y_label="y in m"
             ),
-            "Sum of velocity times time, in the camera's axes at the start. Over a gap the velocity is carried on from"
-            " before it to after it; the deviations of trajectory.csv grow by what that may be wrong.",
+            "Sum of velocity times time, in the same axes at the start, made level where straight down is known. Over a"
+            " gap the velocity is carried on from before it to after it; the deviations of trajectory.csv grow by what"
+            " that may be wrong.",
         ),
     ]
 
 
-def _tables(outputs: Outputs, files: Mapping[str, Path]) -> list[Table]:
-    tables = [_validity(outputs), *_objects(outputs)]
+def _tables(outputs: Outputs, summary: Mapping[str, Any], files: Mapping[str, Path]) -> list[Table]:
+    tables = [_validity(outputs), *_budget(summary), *_objects(outputs)]
     rows = [(path.name, _size(path), _FILES.get(name, "")) for name, path in files.items()]
     tables.append(Table("Files", ("file", "size", "what it holds"), rows, numbers=frozenset({1})))
     meaning = [
@@ -285,6 +263,25 @@ def _validity(outputs: Outputs) -> Table:
         "What cannot be measured is nan in the tables with an infinite standard deviation: never zero, never a guess.",
         frozenset({2}),
     )
+
+
+def _budget(summary: Mapping[str, Any]) -> list[Table]:
+    """Say what share of the velocities' variance comes from each cause."""
+    shares: Mapping[str, float] = summary.get("speed_variance_shares") or {}
+    if not shares:
+        return []
+    rows = [(name, f"{100 * share:.1f}") for name, share in shares.items()]
+    rows += [(name, "not stated") for name in summary.get("speed_std_without") or ()]
+    return [
+        Table(
+            "Where the uncertainty of the speed comes from",
+            ("cause", "% of the variance"),
+            rows,
+            "Of the variance of the speed over ground, over all frames with a velocity. What was not stated is missing"
+            " in it: the speed is only as exact as that.",
+            frozenset({1}),
+        )
+    ]
 
 
 def _objects(outputs: Outputs) -> list[Table]:

@@ -12,12 +12,14 @@ import numpy as np
 from .. import _checks
 from .._checks import knobs
 from .._checks.knobs import Illumination, Preset
+from .._display import fields as display_fields
 from ..errors import OptionError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..camera.model import Camera
+    from ..velocity import Sensors
 
 __all__ = ["CameraMotion", "ExtractSettings", "Illumination", "Preset"]
 
@@ -39,6 +41,7 @@ class ExtractSettings:
     camera: Camera | str | os.PathLike[str] | None = None
     height_m: float | str | os.PathLike[str] | None = None
     height_std_m: float | None = None
+    sensors: Sensors | None = None
     start: int | None = None
     stop: int | None = None
     stride: int = 1
@@ -50,6 +53,8 @@ class ExtractSettings:
     max_displacement: float | None = None
     camera_motion: CameraMotion = "auto"
     videos: bool = True
+
+    __repr__ = display_fields
 
     def validate(self) -> None:
         """Raise OptionError for what no source could satisfy."""
@@ -85,10 +90,23 @@ class ExtractSettings:
         if self.height_m is not None and not isinstance(self.height_m, (str, os.PathLike)):
             _checks.number("height_m", self.height_m, above=0, of="metres")
         _checks.number_or_none("height_std_m", self.height_std_m, least=0, of="metres")
+        if self.sensors is not None:
+            from ..velocity import Sensors
+
+            _checks.instance("sensors", self.sensors, Sensors, "an rsflow.velocity.Sensors").validate()
+            if self.height_m is None:
+                raise OptionError("sensors: got some, expected camera= and height_m= with them, for a velocity")
+
+    def flat(self) -> dict[str, Any]:
+        """Every option by name, those of `sensors` beside the others."""
+        options = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "sensors"}
+        if self.sensors is None:
+            return options
+        return options | {item.name: getattr(self.sensors, item.name) for item in fields(self.sensors)}
 
     def as_text(self) -> dict[str, str]:
         """Every option with its value, for the report and the summary."""
-        return {item.name: _text(getattr(self, item.name)) for item in fields(self)}
+        return {name: _text(value) for name, value in self.flat().items()}
 
 
 def _text(value: Any) -> str:

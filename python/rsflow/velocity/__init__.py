@@ -7,10 +7,12 @@ from .estimator import VelocityEstimator
 from .filter import VelocityFilter
 from .filter_result import FilteredVelocity, FilterStatus
 from .heights import Heights
+from .mounting import mounting
 from .plot import plot_velocity
 from .rates import Rates
 from .result import Velocity, VelocityStatus
-from .table import COLUMNS, velocity_row, write_velocity_csv
+from .sensors import Sensors
+from .table import COLUMNS, velocity_row, write_velocity_csv, write_velocity_parquet
 
 __all__ = [
     "COLUMNS",
@@ -19,11 +21,14 @@ __all__ = [
     "FilteredVelocity",
     "Heights",
     "Rates",
+    "Sensors",
     "Velocity",
     "VelocityEstimator",
     "VelocityFilter",
     "VelocityStatus",
+    "mounting",
     "plot_velocity",
     "velocity_row",
     "write_velocity_csv",
+    "write_velocity_parquet",
 ]

@@ -115,6 +115,11 @@ class Rates:
         return Timeline.of(self.t_s, known), self.rate_rad_s[known]
 
     @property
+    def span(self) -> str:
+        """What the log covers, in words."""
+        return f"times from {self.t_s[0]:g} to {self.t_s[-1]:g} s"
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What to know of the log, in sentences: its remarks, and where it has holes."""
         return tuple(text for text in (*self.remarks, self._known[0].told("rates")) if text)

@@ -11,7 +11,7 @@ from ..errors import DTypeError
 from ..io.atomic import writing
 from .result import Velocity
 
-__all__ = ["COLUMNS", "table_rows", "velocity_row", "write_velocity_csv"]
+__all__ = ["COLUMNS", "table_rows", "velocity_row", "write_velocity_csv", "write_velocity_parquet"]
 
 COLUMNS: tuple[str, ...] = (
     "frame",
@@ -23,6 +23,9 @@ COLUMNS: tuple[str, ...] = (
     "vx_std_m_s",
     "vy_std_m_s",
     "vz_std_m_s",
+    "cov_xy_m2_s2",
+    "cov_xz_m2_s2",
+    "cov_yz_m2_s2",
     "height_m",
     "dx_px",
     "dy_px",
@@ -30,6 +33,8 @@ COLUMNS: tuple[str, ...] = (
     "status",
     "std_without",
 )
+
+_COVARIANCES = {"cov_xy_m2_s2": (0, 1), "cov_xz_m2_s2": (0, 2), "cov_yz_m2_s2": (1, 2)}
 
 
 def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str, Any]:
@@ -64,7 +69,9 @@ def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str
     _checks.instance("velocity", velocity, Velocity, "a Velocity")
     frame = _checks.integer("frame", frame)
     height_m = _checks.number("height_m", height_m, of="metres", or_nan=True)
-    known = {**velocity.to_dict(), "frame": frame, "height_m": height_m}
+    known: dict[str, Any] = {**velocity.to_dict(), "frame": frame, "height_m": height_m}
+    for name, (i, k) in _COVARIANCES.items():
+        known[name] = float(velocity.covariance[i, k])
     return {name: known[name] for name in COLUMNS}
 
 
@@ -100,6 +107,44 @@ def write_velocity_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, An
         file.write(",".join(COLUMNS) + "\n")
         for row in rows:
             file.write(",".join(_cell(row[name]) for name in COLUMNS) + "\n")
+
+
+def write_velocity_parquet(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
+    """Write rows of `velocity_row` as Parquet, with the columns of the CSV; numbers keep all their digits.
+
+    Parameters
+    ----------
+    path : path
+        The file; its folder is made if it is missing.
+    rows : sequence of dict
+        From `velocity_row`.
+
+    Raises
+    ------
+    MissingExtraError
+        If pyarrow is not installed (``pip install 'rsflow-motion[parquet]'``).
+    OSError
+        If the file cannot be written; one of that name stays as it was.
+
+    Examples
+    --------
+    >>> import numpy as np, pathlib, tempfile
+    >>> from rsflow.velocity import Velocity, VelocityStatus, velocity_row, write_velocity_parquet
+    >>> velocity = Velocity(0.1, 0.1, 0.03, 0.0, 0.0, np.eye(3) * 1e-6, VelocityStatus.OK, 90, -4.5, 0.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "velocity.parquet")
+    ...     write_velocity_parquet(path, [velocity_row(velocity, frame=1, height_m=0.2)])
+    ...     path.read_bytes()[:4]
+    b'PAR1'
+    """
+    from .._extras import require
+
+    path, rows = _checks.path("path", path), table_rows(rows)
+    arrow = require("pyarrow", extra="parquet", purpose="writing Parquet")
+    parquet = require("pyarrow.parquet", extra="parquet", purpose="writing Parquet")
+    table = arrow.table({name: [row[name] for row in rows] for name in COLUMNS})
+    with writing(path) as partial:
+        parquet.write_table(table, partial)
 
 
 def _cell(value: object) -> str:

@@ -1,0 +1,187 @@
+"""Velocity over the ground, frame by frame: the estimator, and what the logs beside the frames tell it."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import OptionError
+from .log_use import LogUse
+from .metric import fitting_camera
+from .variance_shares import VarianceShares
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ..camera.model import Camera
+    from ..capture.stream import Frame, Frames
+    from ..velocity import Sensors, Velocity, VelocityEstimator
+
+__all__ = ["Ground"]
+
+
+class Ground:
+    """The velocity of a source's frames; logs are read before the first one, the camera is fitted to it.
+
+    Parameters
+    ----------
+    camera : Camera or path
+        Of the whole picture.
+    height_m : float or path
+        Metres, or a CSV of heights or ranges.
+    height_std_m : float, optional
+        Of all heights or ranges; not where the CSV has a deviation of each.
+    sensors : Sensors, optional
+
+    Raises
+    ------
+    FormatError
+        If a log is none.
+    OptionError
+        If a log is in the axes of an autopilot's body and nothing says how the camera is mounted on it.
+    """
+
+    def __init__(
+        self,
+        camera: Camera | str | os.PathLike[str],
+        height_m: float | str | os.PathLike[str],
+        height_std_m: float | None = None,
+        sensors: Sensors | None = None,
+    ) -> None:
+        from ..velocity import Attitudes, Heights, Rates, Sensors, mounting
+
+        self.sensors = Sensors() if sensors is None else sensors
+        self._camera, self._height_std_m = camera, height_std_m
+        self._height_m, self._heights, self._rates, self._attitudes = None, None, None, None
+        self._uses: list[LogUse] = []
+        # What the velocities' deviations leave out.
+        self.unstated: tuple[str, ...] = ()
+        # Where their variance comes from.
+        self.shares = VarianceShares()
+        self.notes: list[str] = []
+        if isinstance(height_m, (str, os.PathLike)):
+            self._heights = Heights.read(height_m, std_m=height_std_m)
+            self._use("height_m", height_m, self._heights.kind, self._heights)
+        else:
+            self._height_m = float(height_m)
+        if self.sensors.rates is not None:
+            self._rates = Rates.read(self.sensors.rates)
+            self._use("rates", self.sensors.rates, "rate", self._rates)
+        if self.sensors.attitude is not None:
+            self._attitudes = Attitudes.read(self.sensors.attitude, earth=self.sensors.earth)
+            self._use("attitude", self.sensors.attitude, "attitude", self._attitudes)
+        self._mount = None if self.sensors.mount is None else mounting(self.sensors.mount)
+        for log, path in ((self._rates, self.sensors.rates), (self._attitudes, self.sensors.attitude)):
+            if log is not None and log.origin and self._mount is None:
+                raise OptionError(
+                    f"mount: got none, expected how the camera is mounted on the body, whose axes are forward, right, "
+                    f'down in {path} ({log.origin}): "x-right" for one that looks down with the top of its picture to '
+                    "the front"
+                )
+        self._estimator: VelocityEstimator | None = None
+        self._prev_t_s = math.nan
+        # Straight down in the body's axes at the last frame, where the logs tell.
+        self.down: NDArray[np.float64] | None = None
+
+    def _use(self, name: str, path: Any, what: str, log: Any) -> None:
+        self._uses.append(LogUse(name, os.fspath(path), what, log))
+        self.notes.extend(log.notes)
+
+    def expect_some(self, stream: Frames) -> None:
+        """Raise OptionError where it is plain before the first frame that a log has nothing for `stream`."""
+        for use in self._uses:
+            use.expect_some(stream, self.sensors.log_start_s)
+
+    def open(self, stream: Frames, roi: tuple[int, int, int, int] | None, mask: NDArray[np.bool_] | None) -> None:
+        """Make the estimator for the frames of `stream`, whose size is known."""
+        from ..velocity import VelocityEstimator
+
+        camera, note = fitting_camera(self._camera, stream, roi)
+        if note:
+            self.notes.append(note)
+        sensors = self.sensors
+        stated: dict[str, Any] = {
+            "height_m": self._height_m,
+            "height_std_m": self._height_std(),
+            "rate_std_rad_s": sensors.rate_std_rad_s,
+            "rate_delay_std_s": sensors.rate_delay_std_s,
+            "dt_std_s": sensors.dt_std_s or None,
+            "readout_s": sensors.readout_s or None,
+            "down_std_rad": sensors.down_std_rad,
+            "R_body_from_camera": self._mount,
+            "mask": mask,
+        }
+        self._estimator = VelocityEstimator(
+            camera, **{name: value for name, value in stated.items() if value is not None}
+        )
+
+    def _height_std(self) -> float | None:
+        """Give the deviation of all heights: of a log's, that of the least exact one."""
+        std = None if self._heights is None else self._heights.std_m
+        return self._height_std_m if std is None else float(np.nanmax(std))
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the estimator is made."""
+        return self._estimator is not None
+
+    def update(self, frame: Frame) -> tuple[Velocity, dict[str, Any]]:
+        """Measure the velocity at a frame; give it and its row of ``velocity.csv``."""
+        from ..velocity import velocity_row
+
+        assert self._estimator is not None, "open comes first"
+        told = self._told(frame)
+        velocity = self._estimator.update(frame.image, frame.t_s, **told)
+        self._prev_t_s = frame.t_s
+        self.unstated = velocity.unstated or self.unstated
+        self.shares.add(velocity)
+        height_m = self._height_m if self._height_m is not None else told.get("height_m", told.get("range_m"))
+        assert height_m is not None, "the options say so"
+        return velocity, velocity_row(velocity, frame=frame.index, height_m=height_m)
+
+    def _told(self, frame: Frame) -> dict[str, Any]:
+        """Give what the logs tell at a frame, as `VelocityEstimator.update` takes it."""
+        told: dict[str, Any] = {}
+        t_s = frame.t_s + self.sensors.log_start_s
+        values: list[Any] = []
+        if self._heights is not None:
+            height = self._heights.at(frame=frame.index, t_s=t_s)
+            told["height_m" if self._heights.kind == "height" else "range_m"] = height
+            values.append(height)
+        if self._rates is not None:
+            before = self._prev_t_s + self.sensors.log_start_s
+            rate = self._rates.mean(before, t_s, delay_s=self.sensors.rate_delay_s)
+            # Of the first frame there is no interval.
+            if math.isfinite(self._prev_t_s):
+                told["rate_rad_s"] = rate
+            values.append(rate)
+        self.down = None
+        if self._attitudes is not None:
+            told["down"] = self.down = self._attitudes.down(t_s)
+            values.append(self.down)
+        for use, value in zip(self._uses, values, strict=True):
+            use.count(frame.index, frame.t_s, bool(np.isfinite(value).all()))
+        return told
+
+    def missed(self) -> OptionError | None:
+        """Give the error that frames were asked for and a log had nothing for any, or None."""
+        return next((error for use in self._uses if (error := use.missed(self.sensors.log_start_s))), None)
+
+    def gaps(self) -> list[str]:
+        """Say of each log for how many frames it had nothing, where that is any."""
+        return [text for use in self._uses if (text := use.gaps())]
+
+    def counts(self) -> list[Any]:
+        """Give what `go_on` needs."""
+        return [use.counts() for use in self._uses]
+
+    def go_on(self, counts: list[Any], frame: Frame) -> None:
+        """Be as after `frame`, which was measured already."""
+        assert self._estimator is not None, "open comes first"
+        self._estimator.update(frame.image, frame.t_s, **self._told(frame))
+        self._prev_t_s = frame.t_s
+        for use, count in zip(self._uses, counts, strict=True):
+            use.go_on(count)
