@@ -94,6 +94,7 @@ def field() -> rsflow.FlowField:
 
 CAMERA = Camera(40.0, 40.0, 15.5, 11.5, width=WIDTH, height=HEIGHT)
 BOARD = boards.Board((4, 3), 0.02)
+BOARD_CAMERA = (150.0, 150.0, 79.5, 59.5)
 THING = objects.TrackedObject(1, 5.0, 5.0, (2, 2, 6, 6), 30, 1.0, 0.0, 3)
 PART = synthetic.Part(dx=1.0, box=(4.0, 4.0, 12.0, 12.0))
 
@@ -136,6 +137,16 @@ def a_calibration() -> rsflow.Calibration:
 
 def extraction(folder: Path) -> rsflow.Extraction:
     return rsflow.Extraction(folder, True, {}, {})
+
+
+def _board_height() -> rsflow.calibration.BoardHeight:
+    return rsflow.calibration.BoardHeight(0.5, 0.001, 0.5, np.array([0.0, 0.0, 1.0]), 0.001, 0.1)
+
+
+@functools.cache
+def _board_view() -> np.ndarray[Any, Any]:
+    camera = rsflow.Camera(*BOARD_CAMERA, width=160, height=120)
+    return synthetic.chessboard_views(camera, board=BOARD.size, count=1)[0]
 
 
 def _fields(record: Any) -> dict[str, Any]:
@@ -382,6 +393,12 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         {"points": np.zeros((1, 2), np.float32), "ids": np.zeros(1, np.int64), "plain": np.zeros((1, 2), np.float32)},
     ),
     "rsflow.calibration.find_corners": lambda _: (boards.find_corners, {"image": frame(), "board": BOARD}),
+    "rsflow.calibration.BoardHeight": lambda _: (rsflow.calibration.BoardHeight, _fields(_board_height())),
+    "rsflow.calibration.BoardHeight.to_dict": lambda _: (_board_height().to_dict, {}),
+    "rsflow.calibration.height_over_board": lambda _: (
+        rsflow.calibration.height_over_board,
+        {"image": _board_view(), "camera": rsflow.Camera(*BOARD_CAMERA, width=160, height=120), "board": BOARD},
+    ),
     "rsflow.calibration.print_board": lambda folder: (
         rsflow.calibration.print_board,
         {"path": folder / "printed.svg", "board": (4, 3), "square_size_m": 0.02},
