@@ -1,7 +1,8 @@
-"""The tutorial and the page on accuracy name what there is: statuses, parts, signs; tests/test_docs.py runs them."""
+"""The tutorial and the page on accuracy name what there is; tests/test_docs.py runs them."""
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import re
 import sys
@@ -12,6 +13,7 @@ import pytest
 
 import rsflow
 from rsflow import VelocityStatus, synthetic
+from rsflow.cli import COMMANDS, Parser
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 TUTORIAL = (DOCS / "webcam_to_metres.md").read_text(encoding="utf-8")
@@ -29,6 +31,19 @@ def test_every_status_is_explained():
     for status in VelocityStatus:
         assert f"\n| `{status.name}` | " in ACCURACY
         assert f"`{status.word}`" in TUTORIAL
+
+
+def options_of(command: str) -> set[str]:
+    module = importlib.import_module(COMMANDS[command][0])
+    parser = Parser(prog=command)
+    module.add_arguments(parser)
+    return set(parser._option_string_actions)
+
+
+def test_every_option_that_the_pages_name_is_one_of_the_commands():
+    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", re.sub(r"`v4l2-ctl[^`]*`", "", TUTORIAL + ACCURACY)))
+    assert {"--print-board", "--height-std"} <= named
+    assert named - options_of("velocity") - options_of("calibrate") == set()
 
 
 def test_every_part_of_a_budget_is_explained():

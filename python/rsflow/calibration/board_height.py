@@ -64,9 +64,12 @@ class BoardHeight:
     unstated: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
+        return f"BoardHeight({self})"
+
+    def __str__(self) -> str:
         height = measured(self.height_m, self.height_std_m)
         told = f"height={height} m, tilt={np.degrees(self.tilt_rad):.1f} degrees, rms={self.rms_px:.2f} px"
-        return f"BoardHeight({told}{''.join(f', without the deviation of: {name}' for name in self.unstated)})"
+        return f"{told}{''.join(f', without the deviation of: {name}' for name in self.unstated)}"
 
     def to_dict(self) -> dict[str, float | str]:
         """Give it as a row, for ``pandas.DataFrame`` a list of such.
