@@ -54,6 +54,7 @@ class Ground:
         from ..velocity import Attitudes, Heights, Rates, Sensors, mounting
 
         self.sensors = Sensors() if sensors is None else sensors
+        self.sensors.validate()
         self._camera, self._height_std_m = camera, height_std_m
         self._height_m, self._heights, self._rates, self._attitudes = None, None, None, None
         self._uses: list[LogUse] = []

@@ -54,7 +54,7 @@ class Sensors:
     >>> sensors.validate()
     >>> Sensors(readout_s=-1.0).validate()
     Traceback (most recent call last):
-    rsflow.errors.OptionError: readout_s: got -1.0, expected a finite number of seconds from 0 on
+    rsflow.errors.OptionError: readout_s: got -1.0, expected a finite number of seconds of at least 0
     """
 
     rates: str | os.PathLike[str] | None = None

@@ -1,0 +1,276 @@
+"""``velocity``, ``extract`` and ``live`` with logs of sensors, on made flights whose truth is known."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import rsflow
+from rsflow import cli
+from rsflow.synthetic import Flight, Gyro, RangeFinder, flight
+from rsflow.velocity import mounting
+
+RATE, FRAMES = 30.0, 16
+# The clock of an autopilot runs since it was started.
+START_S = 312.4
+
+
+def turning(t_s: Any) -> np.ndarray:
+    t = np.asarray(t_s, dtype=np.float64)
+    return np.stack([0.5 * np.sin(7 * t), 0.4 * np.cos(5 * t), 0.3 + 0 * t], axis=-1)
+
+
+def written(path: Path, header: str, *columns: Any) -> Path:
+    rows = np.column_stack([np.asarray(column) for column in columns])
+    text = "\n".join(",".join(repr(float(value)) for value in row) for row in rows)
+    path.write_text(f"{header}\n{text}\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Flight]:
+    """A flight that rocks and turns, as pictures, with the logs of its instruments in our and in PX4's columns."""
+    folder = tmp_path_factory.mktemp("flight")
+    f = flight(
+        frames=FRAMES, rate_hz=RATE, height_m=1.0, velocity_m_s=(0.4, -0.2, 0.1), rate_rad_s=turning,
+        tilt_rad=(0.05, 0.1), seed=5,
+    )  # fmt: skip
+    for k, image in enumerate(f.images):
+        cv2.imwrite(str(folder / f"{k:03d}.png"), image)
+    f.camera.save(folder / "cam.json")
+    gyro = Gyro(rate_hz=250.0, noise_rad_s=0.001, seed=1).log(f)
+    written(folder / "gyro.csv", "t_s,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s", gyro.t_s, *gyro.rate_rad_s.T)
+    late = Gyro(rate_hz=250.0, delay_s=0.02, seed=1).log(f)
+    written(folder / "late.csv", "t_s,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s", late.t_s, *late.rate_rad_s.T)
+    ranges = RangeFinder(rate_hz=50.0, noise_m=0.001, seed=1).log(f)
+    written(
+        folder / "ranges.csv", "t_s,range_m,range_std_m", ranges.t_s, ranges.range_m, np.full(len(ranges.t_s), 0.001)
+    )
+    written(folder / "heights.csv", "t_ms,height_m", 1000 * f.t_s, f.height_m)
+    written(folder / "down.csv", "t_s,down_x,down_y,down_z", f.t_s, *f.down.T)
+    # The same on a vehicle: the camera looks down, the top of its picture to the front; its clock is another.
+    R = mounting("x-right")
+    us = 1e6 * (gyro.t_s + START_S)
+    written(
+        folder / "px4_gyro.csv", "timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2]", us.round(), *(gyro.rate_rad_s @ R.T).T
+    )
+    us = 1e6 * (ranges.t_s + START_S)
+    written(folder / "px4_range.csv", "timestamp,current_distance", us.round(), ranges.range_m)
+    x, y, z = (f.down @ R.T).T
+    roll, pitch = np.degrees(np.arctan2(y, z)), np.degrees(np.arcsin(-x))
+    us = 1e6 * (f.t_s + START_S)
+    written(folder / "ardupilot.csv", "timestamp,TimeUS,Roll,Pitch", us, us.round(), roll, pitch)
+    return folder, f
+
+
+def arguments(folder: Path, command: str, out: Path | None, *more: str) -> list[str]:
+    given = [command, str(folder / "*.png"), "--camera", str(folder / "cam.json"), "--rate", str(RATE)]
+    given += [] if out is None else ["-o", str(out)]
+    return given + [str(folder / text) if text.endswith(".csv") else text for text in more]
+
+
+LOGS = ("--range-csv", "ranges.csv", "--rates", "gyro.csv", "--rate-std", "0.001", "--attitude", "down.csv")
+PX4 = (
+    "--range-csv", "px4_range.csv", "--height-std", "0.001", "--rates", "px4_gyro.csv", "--rate-std", "0.001",
+    "--attitude", "ardupilot.csv", "--mount", "x-right", "--log-start", str(START_S),
+)  # fmt: skip
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def velocities(path: Path) -> np.ndarray:
+    return np.array([[float(row[f"v{axis}_m_s"]) for axis in "xyz"] for row in table(path)])
+
+
+def expect_true(found: np.ndarray, f: Flight, R: np.ndarray) -> None:
+    """All frames but the first, in the axes that `R` leads to, to 2 % of the speed."""
+    true = f.velocity_m_s[1:] @ R.T
+    assert np.isfinite(found[1:]).all()
+    assert np.abs(found[1:, :2] - true[:, :2]).max() < 0.02 * 0.45
+
+
+@pytest.mark.parametrize(("more", "mount"), [(LOGS, None), (PX4, "x-right")], ids=["own columns", "autopilots'"])
+def test_velocity_takes_logs(
+    flown: tuple[Path, Flight],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    more: tuple[str, ...],
+    mount: str | None,
+) -> None:
+    folder, f = flown
+    assert cli.main(arguments(folder, "velocity", tmp_path, *more)) == 0
+    assert "15 of 16 frames measured" in capsys.readouterr().out
+    R = np.eye(3) if mount is None else mounting(mount)
+    expect_true(velocities(tmp_path / "velocity.csv"), f, R)
+    path = table(tmp_path / "trajectory.csv")
+    assert [row["frame"] for row in path] == [str(k) for k in range(FRAMES)]
+    std = np.array([float(row["x_std_m"]) for row in path])
+    assert (np.diff(std) > -1e-12).all()
+    assert np.array([float(row["cov_xx_m2"]) for row in path]) == pytest.approx(std**2, rel=1e-6)
+
+
+def test_without_the_logs_the_rocking_is_taken_for_a_way(flown: tuple[Path, Flight], tmp_path: Path) -> None:
+    """What the tests above show is the logs' doing."""
+    folder, f = flown
+    assert cli.main(arguments(folder, "velocity", tmp_path, "--height", "1", "--json")) == 0
+    found = velocities(tmp_path / "velocity.csv")
+    off = np.abs(found[1:, :2] - f.velocity_m_s[1:, :2]).max(axis=1)
+    assert np.nanmax(off, initial=1.0) > 0.1
+
+
+def test_extract_and_live_take_the_same_words(
+    flown: tuple[Path, Flight], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, f = flown
+    assert cli.main(arguments(folder, "velocity", tmp_path / "velocity", *PX4, "--json")) == 0
+    assert cli.main(arguments(folder, "extract", tmp_path / "extract", *PX4, "--no-videos", "--json")) == 0
+    assert (tmp_path / "velocity/velocity.csv").read_text() == (tmp_path / "extract/velocity.csv").read_text()
+    assert (tmp_path / "velocity/trajectory.csv").read_text() == (tmp_path / "extract/trajectory.csv").read_text()
+    page = (tmp_path / "extract/report.html").read_text(encoding="utf-8")
+    assert "Where the uncertainty of the speed comes from" in page
+    assert "In the axes of the body that the camera is mounted on." in page
+    capsys.readouterr()
+    video = tmp_path / "clip.avi"
+    rsflow.video.write_lossless(video, f.images, frame_rate=RATE)
+    live = [
+        str(video) if text.endswith("*.png") else text for text in arguments(folder, "live", None, *PX4, "--json-lines")
+    ]
+    live = [text for k, text in enumerate(live) if text != "--rate" and live[k - 1] != "--rate"]
+    assert cli.main(live) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    found = np.array([[np.nan] * 3, *([line[f"v{axis}_m_s"] for axis in "xyz"] for line in lines)])
+    assert found[1:] == pytest.approx(velocities(tmp_path / "velocity/velocity.csv")[1:], rel=1e-4)
+
+
+def test_a_delay_that_is_stated_is_taken_out(flown: tuple[Path, Flight], tmp_path: Path) -> None:
+    folder, f = flown
+    more = ("--range-csv", "ranges.csv", "--attitude", "down.csv", "--rates", "late.csv", "--rate-std", "0.001")
+    assert cli.main(arguments(folder, "velocity", tmp_path, *more, "--rate-delay", "0.02", "--json")) == 0
+    expect_true(velocities(tmp_path / "velocity.csv"), f, np.eye(3))
+
+
+def test_json_lines_are_the_table_and_the_summary(
+    flown: tuple[Path, Flight], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _ = flown
+    more = ("--height-csv", "heights.csv", "--rates", "gyro.csv", "--parquet")
+    assert cli.main(arguments(folder, "velocity", tmp_path, *more, "--json-lines")) == 0
+    *lines, summary = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    rows = table(tmp_path / "velocity.csv")
+    assert [line["frame"] for line in lines] == list(range(FRAMES))
+    assert (lines[0]["vx_m_s"], lines[0]["status"]) == (None, "first_frame")
+    assert lines[5]["vx_m_s"] == pytest.approx(float(rows[5]["vx_m_s"]), rel=1e-8)
+    assert set(lines[5]) == set(rows[5])
+    assert summary["frames"] == FRAMES
+    assert sum(summary["variance_shares"].values()) == pytest.approx(1.0)
+    import pyarrow.parquet
+
+    found = pyarrow.parquet.read_table(summary["parquet"]).to_pylist()
+    assert [row["status"] for row in found] == [row["status"] for row in rows]
+    assert found[5]["cov_xy_m2_s2"] == pytest.approx(float(rows[5]["cov_xy_m2_s2"]), rel=1e-8)
+    svg = (tmp_path / "velocity.svg").read_text(encoding="utf-8")
+    assert svg.startswith("<svg xmlns=")
+    assert "velocity over time" in svg
+
+
+REFUSED = [
+    (("--range-csv", "heights.csv"), "got .*heights.csv, which has heights, expected ranges: use --height-csv"),
+    (("--height-csv", "ranges.csv"), "which has ranges, expected heights: use --range-csv"),
+    (("--height", "1", "--rates", "px4_gyro.csv"), 'mount: got none, expected .*forward, right, down.*"x-right"'),
+    (("--height", "1", "--rates", "gyro.csv", "--mount", "x-sideways"), 'mount: got "x-sideways", expected an axis of'),
+    (("--height", "1", "--rates", "down.csv"), "expected rate_x_rad_s, rate_y_rad_s, rate_z_rad_s and one of t_s"),
+    (("--height", "1", "--attitude", "gyro.csv"), "expected down_x, down_y, down_z or qw, qx, qy, qz or roll_rad"),
+    (
+        ("--height", "1", "--rates", "px4_gyro.csv", "--mount", "x-right"),
+        r"rates: got .* with times from 312\.\d+ to .*, expected rates of the frames.*\(--log-start\) says what",
+    ),
+    (("--height", "1", "--rates", "gyro.csv", "--log-start", "50"), "no frame has a rate.*source's time 0, 50 s now"),
+    (("--range-csv", "ranges.csv", "--height-std", "0.1"), r"got a column range_std_m and 0\.1 m for all rows"),
+    (("--height", "1", "--readout", "-1"), "readout_s: got -1.0, expected a finite number of seconds of at least 0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("more", "message"), REFUSED, ids=[message[:24] for _, message in REFUSED])
+@pytest.mark.parametrize("command", ["velocity", "extract"])
+def test_what_is_refused_is_said_in_one_line_and_nothing_is_written(
+    flown: tuple[Path, Flight],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    more: tuple[str, ...],
+    message: str,
+) -> None:
+    folder, _ = flown
+    assert cli.main(arguments(folder, command, tmp_path / "out", *more)) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(message, line)
+    assert not list(tmp_path.rglob("*.csv"))
+
+
+def test_a_log_is_not_written_over_and_counts_among_the_settings(
+    flown: tuple[Path, Flight], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _ = flown
+    own = tmp_path / "velocity.csv"
+    own.write_text((folder / "gyro.csv").read_text())
+    more = ["--height", "1", "--rates", str(own), "--stop", "3"]
+    assert cli.main([*arguments(folder, "velocity", tmp_path), *more]) == 1
+    assert "which is read" in capsys.readouterr().err
+    log = tmp_path / "log.csv"
+    log.write_text((folder / "gyro.csv").read_text())
+    more = ["--height", "1", "--rates", str(log), "--stop", "3"]
+    assert cli.main([*arguments(folder, "velocity", tmp_path / "out"), *more]) == 0
+    log.write_text((folder / "late.csv").read_text())
+    assert cli.main([*arguments(folder, "velocity", tmp_path / "out"), *more]) == 1
+    assert "the result of other settings" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("mount", "camera_x", "camera_z"),
+    [
+        ("x-right", (0, 1, 0), (0, 0, 1)),
+        ("x-forward", (1, 0, 0), (0, 0, 1)),
+        ("X-Right, Y-Back", (0, 1, 0), (0, 0, 1)),
+        ("y-back", (0, 1, 0), (0, 0, 1)),
+        ("x-right,z-forward", (0, 1, 0), (1, 0, 0)),
+        ("yaw=90", (0, 1, 0), (0, 0, 1)),
+        ("yaw=-45", (np.sqrt(0.5), -np.sqrt(0.5), 0), (0, 0, 1)),
+        ("0,-1,0, 1,0,0, 0,0,1", (0, 1, 0), (0, 0, 1)),
+    ],
+)
+def test_mountings(mount: str, camera_x: tuple[float, ...], camera_z: tuple[float, ...]) -> None:
+    R = mounting(mount)
+    assert pytest.approx(camera_x, abs=1e-12) == R @ (1, 0, 0)
+    assert pytest.approx(camera_z, abs=1e-12) == R @ (0, 0, 1)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+    assert mounting(R) == pytest.approx(R)
+
+
+@pytest.mark.parametrize(
+    "mount",
+    [
+        "",
+        "right",
+        "x-right,x-left",
+        "z-down",
+        "x-right,y-right",
+        "x-down",
+        "yaw=",
+        "yaw=nan",
+        "1,2,3",
+        "1 0 0 0 1 0 0 0 -1",
+    ],
+)
+def test_what_is_no_mounting(mount: str) -> None:
+    with pytest.raises(rsflow.OptionError, match=r"mount: got .*, expected an axis of the picture and where it points"):
+        mounting(mount)
