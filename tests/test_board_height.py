@@ -28,7 +28,7 @@ def truth_of(pose) -> tuple[float, np.ndarray]:
 @cache
 def seen() -> list[tuple[BoardHeight, float, np.ndarray]]:
     views = [(pose, render(pose, chessboard(), seed=100 + i)) for i, pose in enumerate(poses(24, seed=9))]
-    return [(height_over_board(view, TRUTH, board=ON_FLOOR), *truth_of(pose)) for pose, view in views]
+    return [(height_over_board(view, TRUTH, board=ON_FLOOR, square_std_m=0.0), *truth_of(pose)) for pose, view in views]
 
 
 def test_heights_and_the_way_down_are_those_of_the_scene():
@@ -47,14 +47,16 @@ def test_deviations_hold_and_are_not_idle():
     assert 0.3 < np.sqrt(np.mean(np.square(turned))) < 1.8
 
 
-def test_the_deviation_of_the_focal_length_is_in_it():
+def test_deviations_of_focal_length_and_squares_are_in_it():
     pose = (np.array([0.05, 0.02, 0.1]), np.array([0.01, 0.0, 0.4]))
     view = render(pose, chessboard())
     share = 0.004
     camera = dataclasses.replace(TRUTH, std={"fx": share * TRUTH.fx, "fy": share * TRUTH.fy})
-    stated = height_over_board(view, camera, board=ON_FLOOR)
+    stated = height_over_board(view, camera, board=ON_FLOOR, square_std_m=0.0)
     plain = height_over_board(view, TRUTH, board=ON_FLOOR)
-    assert stated.unstated == ()
+    assert (stated.unstated, plain.unstated) == ((), ("squares", "focal length"))
+    squares = height_over_board(view, TRUTH, board=ON_FLOOR, square_std_m=0.01 * SQUARE_M)
+    assert squares.height_std_m == pytest.approx(np.hypot(plain.height_std_m, 0.01 * plain.height_m), rel=1e-3)
     # Seen from above the height is proportional to the focal length.
     expected = np.hypot(plain.height_std_m, share * plain.height_m)
     assert stated.height_std_m == pytest.approx(expected, rel=0.1)
@@ -99,6 +101,10 @@ def test_the_command_prints_the_height_and_the_options_of_velocity(tmp_path, mon
     calibration().save("camera.yaml")
     arguments = ["calibrate", "floor*.png", "--board", "8x6", "--square", "0.025", "--height-with", "camera.yaml"]
     assert main(arguments) == 0
+    out = capsys.readouterr().out
+    assert "without the deviation of: squares" in out
+    assert "--height-std" not in out
+    assert main([*arguments, "--square-std", "0.00005"]) == 0
     out, err = capsys.readouterr()
     assert "picture 1: the board of 8 x 6 is not seen whole" in err
     told = next(line for line in out.splitlines() if line.startswith("rsflow velocity SOURCE --camera camera.yaml "))
@@ -113,3 +119,5 @@ def test_the_command_prints_the_height_and_the_options_of_velocity(tmp_path, mon
     assert "no picture shows the board" in capsys.readouterr().err
     assert main([*arguments, "-o", "c.yaml"]) == 2
     assert "argument -o/--output: not allowed with argument --height-with" in capsys.readouterr().err
+    assert main([*arguments[:6], "--square-std", "0.001"]) == 2
+    assert "argument --square-std: not allowed without argument --height-with" in capsys.readouterr().err

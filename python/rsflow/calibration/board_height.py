@@ -35,8 +35,7 @@ class BoardHeight:
     Attributes
     ----------
     height_m, height_std_m : float
-        Perpendicular distance of the camera's centre from the board's plane, and its standard deviation, as far as
-        corners and the camera's parameters make it; the size of the squares enters percent for percent besides.
+        Perpendicular distance of the camera's centre from the board's plane, and its standard deviation.
     range_m : float
         Distance to the plane along the optical axis.
     down : (3,) float64
@@ -46,7 +45,8 @@ class BoardHeight:
     rms_px : float
         How far corners lie from those of the fitted board.
     unstated : tuple of str
-        "focal length" where the camera does not know the deviation of its own: `height_std_m` is without it then.
+        What `height_std_m` is without, since no deviation was stated: "squares", of their size, which enters percent
+        for percent, and "focal length", of the camera.
 
     Examples
     --------
@@ -69,7 +69,7 @@ class BoardHeight:
     def __str__(self) -> str:
         height = measured(self.height_m, self.height_std_m)
         told = f"height={height} m, tilt={np.degrees(self.tilt_rad):.1f} degrees, rms={self.rms_px:.2f} px"
-        return f"{told}{''.join(f', without the deviation of: {name}' for name in self.unstated)}"
+        return told + (f", without the deviation of: {', '.join(self.unstated)}" if self.unstated else "")
 
     def to_dict(self) -> dict[str, float | str]:
         """Give it as a row, for ``pandas.DataFrame`` a list of such.
@@ -96,7 +96,9 @@ class BoardHeight:
         return float(np.arctan2(np.hypot(*self.down[:2]), self.down[2]))
 
 
-def height_over_board(image: NDArray[np.uint8], camera: Camera, *, board: Board) -> BoardHeight:
+def height_over_board(
+    image: NDArray[np.uint8], camera: Camera, *, board: Board, square_std_m: float | None = None
+) -> BoardHeight:
     """Measure how high a calibrated camera is over a board that lies flat on the ground.
 
     A height that was measured by the camera that measures the velocity serves twice: an error of the focal length makes
@@ -111,6 +113,9 @@ def height_over_board(image: NDArray[np.uint8], camera: Camera, *, board: Board)
         Calibrated.
     board : Board
         Whose squares have the size that was measured on the print.
+    square_std_m : float, optional
+        Standard deviation of that size: 0.2 mm over ten squares are 0.00002. 0 says exact; without it the share of the
+        squares is missing, and `BoardHeight.unstated` says so.
 
     Returns
     -------
@@ -129,12 +134,13 @@ def height_over_board(image: NDArray[np.uint8], camera: Camera, *, board: Board)
     >>> from rsflow.calibration import Board, height_over_board
     >>> camera = rsflow.Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240)
     >>> (view,) = rsflow.synthetic.chessboard_views(camera, count=1)
-    >>> found = height_over_board(view, camera, board=Board((8, 6), 0.025))
+    >>> found = height_over_board(view, camera, board=Board((8, 6), 0.025), square_std_m=0.00002)
     >>> bool(0.1 < found.height_m < found.range_m), found.unstated
     (True, ('focal length',))
     """
     _checks.instance("camera", camera, Camera, "an rsflow.Camera")
     _checks.instance("board", board, Board, "a Board")
+    square_std_m = _checks.number_or_none("square_std_m", square_std_m, least=0, most=1e9, of="metres")
     height, width = _checks.frame("image", image).shape
     if (width, height) != camera.size:
         raise ShapeError(
@@ -162,8 +168,10 @@ def height_over_board(image: NDArray[np.uint8], camera: Camera, *, board: Board)
     for other in _others(camera):
         moved = _plane(_pose(other, flat, pixels, pose)) - here
         covariance += np.outer(moved, moved)
+    covariance[0, 0] += (here[0] * (square_std_m or 0.0) / board.square_size_m) ** 2
     down = here[1:] / np.linalg.norm(here[1:])
-    unstated = () if camera.std.get("fx") and camera.std.get("fy") else ("focal length",)
+    stated = {"squares": square_std_m is not None, "focal length": {"fx", "fy"} <= set(camera.std)}
+    unstated = tuple(name for name, known in stated.items() if not known)
     angles = float(np.sqrt(np.trace(covariance[1:, 1:]) / 2.0))
     reach = float(here[0] / down[2])
     return BoardHeight(float(here[0]), float(np.sqrt(covariance[0, 0])), reach, down, angles, rms, unstated)

@@ -111,6 +111,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CAMERA",
         help="calibrate nothing: measure with this camera file how high the camera is over the board of each picture",
     )
+    parser.add_argument(
+        "--square-std", type=length_m, metavar="M", help="with --height-with: standard deviation of a square's side"
+    )
 
 
 def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
@@ -128,6 +131,8 @@ def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
         parser.error("argument --page: not allowed without argument --print-board")
     if args.height_with is not None:
         _expect_alone(parser, "--height-with", given)
+    elif args.square_std is not None:
+        parser.error("argument --square-std: not allowed without argument --height-with")
 
 
 def _expect_alone(parser: argparse.ArgumentParser, option: str, others: dict[str, object]) -> None:
@@ -223,7 +228,7 @@ def _height(args: argparse.Namespace) -> int:
         for frame in sequence:
             camera, scaled = fitting_camera(stated, sequence, None)
             try:
-                height = height_over_board(frame.image, camera, board=board)
+                height = height_over_board(frame.image, camera, board=board, square_std_m=args.square_std)
             except rsflow.CalibrationError as error:
                 print(f"rsflow calibrate: picture {frame.index}: {error}", file=sys.stderr)
                 continue
@@ -238,11 +243,11 @@ def _height(args: argparse.Namespace) -> int:
     for index, height, scaled in found:
         print(f"picture {index}: {height}" + (f" ({scaled})" if scaled else ""))
     last = found[-1][1]
-    print(
-        "Over the board: add its thickness. Where the squares are off, the height and a velocity are by as much.\n"
-        f"rsflow velocity SOURCE --camera {args.height_with} --height {last.height_m:.5g} "
-        f"--height-std {last.height_std_m:.2g}"
-    )
+    std = "" if last.unstated else f" --height-std {last.height_std_m:.2g}"
+    if "squares" in last.unstated:
+        print("Say how well the squares are known: with --square-std; 0.2 mm over ten of them are 0.00002.")
+    print(f"Over the board: add its thickness.\n"
+          f"rsflow velocity SOURCE --camera {args.height_with} --height {last.height_m:.5g}{std}")  # fmt: skip
     if last.tilt_rad > _LEVEL_RAD:
         print(f"The camera is tilted: straight down is {', '.join(f'{value:.5f}' for value in last.down)} in its axes.")
     return 0
