@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,9 +22,12 @@ if TYPE_CHECKING:
     from .camera.model import Camera
     from .capture.stream import Frames, FrameSource
     from .extraction.ground import Ground
-    from .velocity import Sensors
+    from .velocity import Sensors, Velocity
 
 __all__ = ["LiveReading", "readings"]
+
+# Of a reading, what is no number and no text.
+_OBJECTS = ("image", "velocity", "known")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,10 @@ class LiveReading:
     notes : tuple of str
         What to know of the velocities: that the camera was scaled to the size of the frames, what logs of sensors have
         holes, and what their deviations leave out since it was not stated.
+    velocity : Velocity or None
+        The whole of the velocity.
+    known : mapping
+        What it was computed with: `height_m`, `rate_rad_s` and `down`, as of `rsflow.interop.flow_sensor.flow_reading`.
 
     Examples
     --------
@@ -80,6 +87,8 @@ class LiveReading:
     velocity_status: str | None
     image: NDArray[Any]
     notes: tuple[str, ...] = ()
+    velocity: Velocity | None = field(default=None, repr=False)
+    known: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
         dx, dy = measured(self.dx_px, self.dx_std_px), measured(self.dy_px, self.dy_std_px)
@@ -96,7 +105,7 @@ class LiveReading:
         -------
         dict of str to int, float, str, list of str or None
         """
-        values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self) if item.name != "image"}
+        values = {item.name: getattr(self, item.name) for item in dataclasses.fields(self) if item.name not in _OBJECTS}
         values["notes"] = list(self.notes)
         return {
             name: None if isinstance(value, float) and not np.isfinite(value) else value
@@ -226,6 +235,8 @@ def _measured(
                     status=status_word(shift.status),
                     **_velocity_fields(velocity),
                     image=frame.color if frame.color is not None else frame.image,
+                    velocity=velocity,
+                    known={} if ground is None else ground.known,
                     notes=() if ground is None or velocity is None else _notes(ground, velocity.unstated),
                 )
             prev = frame

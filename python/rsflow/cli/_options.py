@@ -29,7 +29,10 @@ __all__ = [
 ]
 
 # Options that do not change what a result is.
-_ELSEWHERE = ("source", "output", "json", "quiet", "overwrite", "resume", "picture", "pictures", "more")
+_ELSEWHERE = (
+    *("source", "output", "json", "quiet", "overwrite", "resume", "picture", "pictures", "more"),
+    *("mavlink", "ros2_bag", "forward"),
+)
 
 
 def tell_notes(command: str, source: Frames) -> None:

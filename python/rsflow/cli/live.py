@@ -9,7 +9,8 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-from rsflow.cli._options import add_mask, add_max_displacement, add_roi, source_of
+from rsflow.cli._export import add_exports, exports
+from rsflow.cli._options import add_mask, add_max_displacement, add_overwrite, add_roi, source_of
 from rsflow.cli._sensors import add_ground, height_of, sensors_of
 from rsflow.errors import RsflowError
 
@@ -25,6 +26,7 @@ examples:
   rsflow live 1 --camera cam.yaml --height 0.2         with metres per second
   rsflow live 0 --json | while read line; do ...       a JSON object a line, for a program
   rsflow live 0 --window                               with a picture; needs an OpenCV that has windows
+  rsflow live 0 --camera cam.yaml --height 1 --mavlink px4:/dev/ttyUSB0,115200       to an autopilot
   rsflow live clip.mp4 --frames 20                     rehearse on a video
 
 exit codes: 0 done (a video's end, --frames, --seconds), 1 failed, 2 wrong usage, 130 ended by Ctrl-C."""
@@ -43,6 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, metavar="S", help="end after S seconds")
     parser.add_argument("--timeout", type=float, default=5.0, metavar="S", help="give up a silent camera (default 5 s)")
     parser.add_argument("--window", action="store_true", help="show the picture with the displacement as an arrow")
+    add_exports(parser)
+    add_overwrite(parser, where="the log or the bag")
     parser.add_argument("--json", "--json-lines", action="store_true", help="a JSON object a line")
 
 
@@ -64,20 +68,28 @@ def run(args: argparse.Namespace) -> int:
     )
     begin = time.monotonic()
     told: tuple[str, ...] = ()
-    for count, reading in enumerate(stream, 1):
-        if count == 1 and not args.json:
-            print(_header(args.camera is not None))
-        for note in () if args.json else reading.notes:
-            if note not in told:
-                print(f"note: {note}", file=sys.stderr)
-        told += reading.notes if reading.notes != told else ()
-        print(json.dumps(reading.to_dict()) if args.json else _line(reading), flush=True)
-        if window is not None and not window.show(reading):
-            break
-        if args.frames is not None and count >= args.frames:
-            break
-        if args.seconds is not None and time.monotonic() - begin >= args.seconds:
-            break
+    with exports(args, overwrite=args.overwrite) as sent:
+        try:
+            for count, reading in enumerate(stream, 1):
+                if reading.velocity is not None:
+                    sent.write(reading.velocity, **reading.known)
+                if count == 1 and not args.json:
+                    print(_header(args.camera is not None))
+                for note in () if args.json else reading.notes:
+                    if note not in told:
+                        print(f"note: {note}", file=sys.stderr)
+                told += reading.notes if reading.notes != told else ()
+                print(json.dumps(reading.to_dict()) if args.json else _line(reading), flush=True)
+                if window is not None and not window.show(reading):
+                    break
+                if args.frames is not None and count >= args.frames:
+                    break
+                if args.seconds is not None and time.monotonic() - begin >= args.seconds:
+                    break
+        except (KeyboardInterrupt, RsflowError):
+            # As it is ended, or a camera goes away: what was sent is kept.
+            sent.close()
+            raise
     return 0
 
 

@@ -10,6 +10,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rsflow.cli._export import add_exports, exports
 from rsflow.cli._options import add_mask, add_overwrite, add_range, add_rate, identity_of, mask_of, source_of
 from rsflow.cli._sensors import FILES, add_ground, height_of, sensors_of
 
@@ -51,6 +52,7 @@ examples:
       --rates log_sensor_combined_0.csv --attitude log_vehicle_attitude_0.csv --mount x-right
   rsflow velocity 'pictures/*.png' --rate 30 --camera cam.yaml --height 0.2 --json
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --json-lines | while read line; do ...
+  rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --mavlink px4:flow.tlog --ros2-bag bag    for autopilots
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --mask ground.png     without what goes with the camera
 """
 
@@ -64,6 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_rate(parser)
     add_range(parser)
     add_overwrite(parser)
+    add_exports(parser)
     parser.add_argument("--parquet", action="store_true", help="write velocity.parquet too")
     said = parser.add_mutually_exclusive_group()
     said.add_argument("--json", action="store_true", help="print a summary as JSON")
@@ -93,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
     with (
         rsflow.frames(source, frame_rate=args.rate, start=args.start, stop=args.stop, stride=args.stride) as sequence,
         _folder(args, source, sequence) as result,
+        exports(args, inputs=(source, *(getattr(args, name) for name in FILES)), overwrite=args.overwrite) as sent,
     ):
         ground.expect_some(sequence)
         try:
@@ -102,6 +106,7 @@ def run(args: argparse.Namespace) -> int:
                         expect_size(f"--mask {args.mask}", mask, (frame.image.shape[1], frame.image.shape[0]))
                     ground.open(sequence, None, mask)
                 v, row = ground.update(frame)
+                sent.write(v, **ground.known)
                 path.append(trajectory.add(v, frame.index, down=ground.down))
                 rows.append(row)
                 budget = v.budget() if v.valid else budget
@@ -126,6 +131,7 @@ def run(args: argparse.Namespace) -> int:
     notes = [text for text in (*sequence.notes, *ground.notes, not_stated(ground.unstated)) if text]
     summary = _summary(rows) | as_json(trajectory.figures()) | {"std_without": list(ground.unstated), "notes": notes}
     summary |= {"variance_shares": ground.shares.shares()}
+    summary |= sent.told()
     plot = files.get("plot", files["svg"])
     summary |= {"csv": str(files["csv"]), "trajectory": str(files["trajectory"]), "svg": str(files["svg"])}
     summary |= {"plot": str(plot), "parquet": str(files["parquet"]) if "parquet" in files else None}
@@ -228,3 +234,6 @@ def _show(summary: dict[str, Any], budget: str) -> None:
     print(f"table  {summary['csv']}")
     print(f"path   {summary['trajectory']}")
     print(f"plot   {summary['plot']}")
+    for place in (summary.get("mavlink"), summary.get("ros2_bag")):
+        if place is not None:
+            print(f"sent   {place}: {summary['exported']} frames, {summary['exported_blind']} of them with quality 0")

@@ -84,6 +84,8 @@ class Ground:
                 )
         self._estimator: VelocityEstimator | None = None
         self._prev_t_s = math.nan
+        # What the estimator was told at the last frame: height_m or range_m, rate_rad_s, down.
+        self._last: dict[str, Any] = {}
         # Straight down in the body's axes at the last frame, where the logs tell.
         self.down: NDArray[np.float64] | None = None
 
@@ -134,7 +136,7 @@ class Ground:
         from ..velocity import velocity_row
 
         assert self._estimator is not None, "open comes first"
-        told = self._told(frame)
+        told = self._last = self._told(frame)
         velocity = self._estimator.update(frame.image, frame.t_s, **told)
         self._prev_t_s = frame.t_s
         self.unstated = velocity.unstated or self.unstated
@@ -142,6 +144,17 @@ class Ground:
         height_m = self._height_m if self._height_m is not None else told.get("height_m", told.get("range_m"))
         assert height_m is not None, "the options say so"
         return velocity, velocity_row(velocity, frame=frame.index, height_m=height_m)
+
+    @property
+    def known(self) -> dict[str, Any]:
+        """What the last frame's velocity was computed with: `height_m` above the ground, `rate_rad_s` and `down`."""
+        axis = np.array([0.0, 0.0, 1.0]) if self._mount is None else self._mount[:, 2]
+        height_m = self._last.get("height_m", self._height_m)
+        if "range_m" in self._last:
+            # Along the optical axis.
+            height_m = self._last["range_m"] * (1.0 if self.down is None else float(axis @ self.down))
+            height_m = height_m if height_m > 0 else math.nan
+        return {"height_m": height_m, "rate_rad_s": self._last.get("rate_rad_s"), "down": self._last.get("down")}
 
     def _told(self, frame: Frame) -> dict[str, Any]:
         """Give what the logs tell at a frame, as `VelocityEstimator.update` takes it."""

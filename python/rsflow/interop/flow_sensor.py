@@ -119,7 +119,7 @@ def flow_reading(
         Rate that was given to the estimator, in the axes of the velocity; by default the velocity's own. NaN where the
         estimator had none: the flow then holds the turn as it is, and the gyro is not known.
     down : (3,) array_like, optional
-        Straight down in the axes of the velocity, of any length; by default its z axis.
+        Straight down in the axes of the velocity, of any length; by default, and where it is NaN, its z axis.
     noise_rad_s : (float, float)
         Deviations of a flow's rate that the qualities 255 and 1 stand for.
 
@@ -250,7 +250,9 @@ def _height(velocity: Velocity, height_m: float | None) -> float:
 def _cosine(down: ArrayLike | None) -> float:
     if down is None:
         return 1.0
-    vector = _checks.vector("down", down, 3, "three finite numbers")
+    vector = _checks.array("down", down, (3,), "three numbers, NaN where not known").astype(np.float64)
+    if not np.isfinite(vector).all():
+        return 1.0
     length = float(np.linalg.norm(vector))
     if length == 0.0:
         raise OptionError("down: got (0, 0, 0), expected a direction")
