@@ -31,6 +31,8 @@ def blind(t_s=1.0, dt_s=0.1, status=VelocityStatus.NO_TEXTURE):
 
 def read(path):
     """Messages of a log but heartbeats, with the time that stands before each."""
+    if path.stat().st_size == 0:
+        return [], []
     log = mavutil.mavlink_connection(str(path), dialect="common")
     found = []
     while (message := log.recv_match()) is not None:
