@@ -119,6 +119,30 @@ def test_velocity_takes_logs(
     assert np.array([float(row["cov_xx_m2"]) for row in path]) == pytest.approx(std**2, rel=1e-6)
 
 
+@pytest.mark.parametrize("logs", [True, False], ids=["a gyro", "no gyro"])
+def test_the_path_of_a_flight_that_turns(tmp_path: Path, logs: bool) -> None:
+    """Three quarters of a circle: the heading is the gyro's integral, or what the picture shows of it."""
+    f = flight(frames=40, rate_hz=20.0, height_m=1.0, velocity_m_s=(1.0, 0.0, 0.0), rate_rad_s=(0.0, 0.0, 2.4), seed=2)
+    for k, image in enumerate(f.images):
+        cv2.imwrite(str(tmp_path / f"{k:03d}.png"), image)
+    f.camera.save(tmp_path / "cam.json")
+    gyro = Gyro(rate_hz=200.0, bias_rad_s=(0.0, 0.0, 0.02), seed=1).log(f)
+    written(tmp_path / "gyro.csv", "t_s,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s", gyro.t_s, *gyro.rate_rad_s.T)
+    command = ["velocity", str(tmp_path / "*.png"), "--rate", "20", "--camera", str(tmp_path / "cam.json")]
+    command += ["--height", "1", "--height-std", "0.01", "-o", str(tmp_path / "out")]
+    command += ["--rates", str(tmp_path / "gyro.csv"), "--rate-std", "0.02"] if logs else []
+    assert cli.main(command) == 0
+    rows = table(tmp_path / "out/trajectory.csv")
+    place = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
+    true = f.position_m[:, :2] - f.position_m[0, :2]
+    assert np.abs(place - true).max() < 0.04
+    assert float(rows[-1]["heading_rad"]) == pytest.approx(2.4 * f.t_s[-1], abs=0.06)
+    if logs:
+        std = np.array([[float(row["x_std_m"]), float(row["y_std_m"])] for row in rows])
+        assert (np.abs(place - true)[1:] <= 2.5 * std[1:]).all()
+        assert float(rows[-1]["heading_std_rad"]) == pytest.approx(0.02 * f.t_s[-1], rel=1e-6)
+
+
 def test_without_the_logs_the_rocking_is_taken_for_a_way(flown: tuple[Path, Flight], tmp_path: Path) -> None:
     """What the tests above show is the logs' doing."""
     folder, f = flown
@@ -215,6 +239,56 @@ def test_what_is_refused_is_said_in_one_line_and_nothing_is_written(
     (line,) = capsys.readouterr().err.splitlines()
     assert re.search(message, line)
     assert not list(tmp_path.rglob("*.csv"))
+
+
+def test_axes_with_the_third_one_up_are_asked_about(
+    flown: tuple[Path, Flight], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A quaternion of ROS: the identity but for a turn to the north, its body's and the earth's third axis up."""
+    folder, f = flown
+    one = np.ones(FRAMES)
+    written(tmp_path / "q.csv", "t_s,qw,qx,qy,qz", f.t_s, 0 * one, one, 0 * one, 0 * one)
+    more = ["--height", "1", "--attitude", str(tmp_path / "q.csv"), "--stop", "4"]
+    assert cli.main([*arguments(folder, "velocity", tmp_path / "ned"), *more]) == 0
+    printed = capsys.readouterr().out
+    assert "0 of 4 frames measured" in printed
+    assert "the camera looks 180 degrees away from straight down, at the sky: is it mounted in another way" in printed
+    assert cli.main([*arguments(folder, "velocity", tmp_path / "enu"), *more, "--earth", "enu"]) == 0
+    printed = capsys.readouterr().out
+    assert "3 of 4 frames measured" in printed
+    assert "sky" not in printed
+
+
+def test_a_run_with_logs_that_was_stopped_goes_on_to_the_byte(
+    flown: tuple[Path, Flight], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rsflow.extraction import checkpoint
+    from rsflow.velocity import Sensors
+
+    folder, _ = flown
+    for name, value in (("_EVERY_S", 0.0), ("_SHARE", 1e9), ("_GROWTH", 0.0)):
+        monkeypatch.setattr(checkpoint, name, value)
+    sensors = Sensors(rates=folder / "gyro.csv", rate_std_rad_s=0.002, attitude=folder / "down.csv")
+    options: dict[str, Any] = {
+        "camera": folder / "cam.json", "height_m": folder / "ranges.csv", "sensors": sensors, "frame_rate": RATE,
+        "videos": False,
+    }  # fmt: skip
+
+    def fail(measured: rsflow.extraction.Measured) -> None:
+        if measured.frame.index == 9:
+            raise ValueError("the disk is gone")
+
+    rsflow.extract(str(folder / "*.png"), tmp_path / "whole", **options)
+    with pytest.raises(rsflow.PartialExtractionError, match="the disk is gone"):
+        rsflow.extract(str(folder / "*.png"), tmp_path / "out", **options, on_frame=fail)
+    seen: list[int] = []
+    done = rsflow.extract(
+        str(folder / "*.png"), tmp_path / "out", **options, resume=True, on_frame=lambda m: seen.append(m.frame.index)
+    )
+    assert done.complete
+    assert 0 < seen[0] <= 9
+    for name in ("velocity", "trajectory"):
+        assert (tmp_path / f"out/{name}.csv").read_bytes() == (tmp_path / f"whole/{name}.csv").read_bytes()
 
 
 def test_a_log_is_not_written_over_and_counts_among_the_settings(

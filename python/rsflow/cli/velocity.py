@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
                     ground.open(sequence, None, mask)
                 v, row = ground.update(frame)
                 sent.write(v, **ground.known)
-                path.append(trajectory.add(v, frame.index, down=ground.down))
+                path.append(trajectory.add(v, frame.index, **ground.attitude))
                 rows.append(row)
                 budget = v.budget() if v.valid else budget
                 if args.json_lines:

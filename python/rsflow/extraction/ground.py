@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from ..camera.model import Camera
     from ..capture.stream import Frame, Frames
-    from ..velocity import Sensors, Velocity, VelocityEstimator
+    from ..velocity import Attitudes, Sensors, Velocity, VelocityEstimator
 
 __all__ = ["Ground"]
 
@@ -82,16 +82,32 @@ class Ground:
                     f'down in {path} ({log.origin}): "x-right" for one that looks down with the top of its picture to '
                     "the front"
                 )
+        if self._attitudes is not None:
+            self._doubt_attitudes(self._attitudes)
         self._estimator: VelocityEstimator | None = None
         self._prev_t_s = math.nan
         # What the estimator was told at the last frame: height_m or range_m, rate_rad_s, down.
         self._last: dict[str, Any] = {}
-        # Straight down in the body's axes at the last frame, where the logs tell.
+        # Of the last interval, where the logs tell: straight down in the body's axes half-way, and the mean rate.
         self.down: NDArray[np.float64] | None = None
+        self.rate_rad_s: NDArray[np.float64] | None = None
+        self._prev_down: NDArray[np.float64] | None = None
 
     def _use(self, name: str, path: Any, what: str, log: Any) -> None:
         self._uses.append(LogUse(name, os.fspath(path), what, log))
         self.notes.extend(log.notes)
+
+    def _doubt_attitudes(self, attitudes: Attitudes) -> None:
+        """Note where the camera would look at the sky for most of the log."""
+        axis = np.array([0.0, 0.0, 1.0]) if self._mount is None else self._mount[:, 2]
+        along = attitudes.directions @ axis
+        if not np.isfinite(along).any() or (middle := float(np.nanmedian(along))) >= 0:
+            return
+        angle = math.degrees(math.acos(max(middle, -1.0)))
+        self.notes.append(
+            f"By the attitudes the camera looks {angle:.0f} degrees away from straight down, at the sky: is it mounted "
+            "in another way (mount, --mount), or do the quaternions lead to axes with the third one up (--earth enu)?"
+        )
 
     def expect_some(self, stream: Frames) -> None:
         """Raise OptionError where it is plain before the first frame that a log has nothing for `stream`."""
@@ -170,15 +186,22 @@ class Ground:
             rate = self._rates.mean(before, t_s, delay_s=self.sensors.rate_delay_s)
             # Of the first frame there is no interval.
             if math.isfinite(self._prev_t_s):
-                told["rate_rad_s"] = rate
+                told["rate_rad_s"] = self.rate_rad_s = rate
             values.append(rate)
-        self.down = None
         if self._attitudes is not None:
-            told["down"] = self.down = self._attitudes.down(t_s)
-            values.append(self.down)
+            told["down"] = down = self._attitudes.down(t_s)
+            self.down = down if self._prev_down is None else down + self._prev_down
+            self._prev_down = down
+            values.append(down)
         for use, value in zip(self._uses, values, strict=True):
             use.count(frame.index, frame.t_s, bool(np.isfinite(value).all()))
         return told
+
+    @property
+    def attitude(self) -> dict[str, Any]:
+        """How the body stood and turned in the last interval, as `Trajectory.add` takes it."""
+        std = self.sensors.rate_std_rad_s or 0.0
+        return {"down": self.down, "rate_rad_s": self.rate_rad_s, "rate_std_rad_s": std}
 
     def missed(self) -> OptionError | None:
         """Give the error that frames were asked for and a log had nothing for any, or None."""

@@ -292,7 +292,7 @@ class _Job:
         """Separate, measure the velocity, and hand over to the files: beside the measuring of the next frame."""
         frame, shift, flow = item
         measured = self.pipeline.finish(frame, shift, flow)
-        self.outputs.add(measured, down=self.pipeline.down)
+        self.outputs.add(measured, self.pipeline.attitude)
         self.last = frame.index
         if self.on_frame is not None:
             self.on_frame(measured)

@@ -110,14 +110,14 @@ class Outputs:
         assert self.views is not None
         self.views.restore(saved.value("views"), frame)
 
-    def add(self, measured: Measured, *, down: Any = None) -> None:
-        """Write one frame's rows and hand its pictures to the views; `down` is for the path."""
+    def add(self, measured: Measured, attitude: dict[str, Any]) -> None:
+        """Write one frame's rows and hand its pictures to the views; `attitude` is for `Trajectory.add`."""
         self._row("motion", measured.motion)
         for row in measured.objects:
             self._row("objects", row)
         if self.trajectory is not None and measured.velocity is not None and measured.velocity_row is not None:
             self._row("velocity", measured.velocity_row)
-            self._row("trajectory", self.trajectory.add(measured.velocity, measured.frame.index, down=down))
+            self._row("trajectory", self.trajectory.add(measured.velocity, measured.frame.index, **attitude))
         if self.views is not None:
             self.views.add(measured)
 

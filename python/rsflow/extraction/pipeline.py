@@ -201,9 +201,9 @@ class Pipeline:
         return [] if self.ground is None else [*self.ground.notes, *(f"{text}." for text in self.ground.gaps())]
 
     @property
-    def down(self) -> NDArray[np.float64] | None:
-        """Straight down in the body's axes at the last frame, where a log tells."""
-        return None if self.ground is None else self.ground.down
+    def attitude(self) -> dict[str, Any]:
+        """How the body stood and turned in the last interval, for the path."""
+        return {} if self.ground is None else self.ground.attitude
 
     @property
     def unstated(self) -> tuple[str, ...]:

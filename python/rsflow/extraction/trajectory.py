@@ -60,10 +60,13 @@ class Trajectory:
         self._gap_least = 0.0
         self._measured_s = 0.0
 
-    def add(self, velocity: Velocity, frame: int, *, down: Any = None) -> dict[str, Any]:
+    def add(
+        self, velocity: Velocity, frame: int, *, down: Any = None, rate_rad_s: Any = None, rate_std_rad_s: float = 0.0
+    ) -> dict[str, Any]:
         """Give the row of ``trajectory.csv`` at a velocity; its position is NaN where there is none.
 
-        `down` (3,) is straight down in the body's axes, where it is known.
+        `down` (3,) is straight down in the body's axes half-way through the interval, of any length, `rate_rad_s` (3,)
+        the body's rate, where they are known.
         """
         row: dict[str, Any] = {"frame": frame, "t_s": velocity.t_s}
         first = velocity.status.name == "FIRST_FRAME"
@@ -71,7 +74,9 @@ class Trajectory:
             self._begin_s = velocity.t_s
         self._end_s = velocity.t_s
         if velocity.valid:
-            self._step(velocity, _level(down))
+            level = _level(down)
+            turning = _turning(velocity, level, rate_rad_s, rate_std_rad_s)
+            self._step(velocity, level, *turning)
         elif not first:
             self._waiting += 1
             return row | dict.fromkeys((*_PLACE, *_DEVIATIONS, *_COVARIANCES), math.nan) | {"segment": self._segment}
@@ -119,9 +124,8 @@ class Trajectory:
         gaps = self._gap_variance(self._gap_share, self._gap_change, self._gap_least)
         return math.sqrt(self._drift.distance_variance + gaps)
 
-    def _step(self, velocity: Velocity, level: Any) -> None:
+    def _step(self, velocity: Velocity, level: Any, rate: float, rate_std: float) -> None:
         dt = velocity.dt_s
-        rate, rate_std = _yaw_rate(velocity, level)
         turn = rate * dt
         self._drift.turn(rate_std * dt)
         # The velocity is in the axes half-way through the interval.
@@ -198,8 +202,8 @@ def _level(down: Any) -> Any:
     return np.eye(3) + cross + cross @ cross / (1.0 + z)
 
 
-def _yaw_rate(velocity: Velocity, level: Any) -> tuple[float, float]:
+def _turning(velocity: Velocity, level: Any, rate_rad_s: Any, rate_std_rad_s: float) -> tuple[float, float]:
     """Give the rate of the turn about straight down, and its deviation: 0 where none was stated."""
-    if math.isfinite(velocity.yaw_rate_rad_s):
-        return velocity.yaw_rate_rad_s, 0.0
-    return 0.0, 0.0
+    if rate_rad_s is not None and np.isfinite(rate_rad_s).all():
+        return float(level[2] @ rate_rad_s), rate_std_rad_s
+    return (velocity.yaw_rate_rad_s if math.isfinite(velocity.yaw_rate_rad_s) else 0.0), 0.0
