@@ -112,6 +112,9 @@ def test_velocity_takes_logs(
     assert "15 of 16 frames measured" in capsys.readouterr().out
     R = np.eye(3) if mount is None else mounting(mount)
     expect_true(velocities(tmp_path / "velocity.csv"), f, R)
+    # Of a range the height above the plane stands in the table.
+    heights = [float(row["height_m"]) for row in table(tmp_path / "velocity.csv")]
+    assert heights == pytest.approx(f.height_m, rel=0.005)
     path = table(tmp_path / "trajectory.csv")
     assert [row["frame"] for row in path] == [str(k) for k in range(FRAMES)]
     std = np.array([float(row["x_std_m"]) for row in path])

@@ -152,14 +152,12 @@ class Ground:
         from ..velocity import velocity_row
 
         assert self._estimator is not None, "open comes first"
-        told = self._last = self._told(frame)
-        velocity = self._estimator.update(frame.image, frame.t_s, **told)
+        self._last = self._told(frame)
+        velocity = self._estimator.update(frame.image, frame.t_s, **self._last)
         self._prev_t_s = frame.t_s
         self.unstated = velocity.unstated or self.unstated
         self.shares.add(velocity)
-        height_m = self._height_m if self._height_m is not None else told.get("height_m", told.get("range_m"))
-        assert height_m is not None, "the options say so"
-        return velocity, velocity_row(velocity, frame=frame.index, height_m=height_m)
+        return velocity, velocity_row(velocity, frame=frame.index, height_m=self.known["height_m"])
 
     @property
     def known(self) -> dict[str, Any]:
@@ -168,7 +166,8 @@ class Ground:
         height_m = self._last.get("height_m", self._height_m)
         if "range_m" in self._last:
             # Along the optical axis.
-            height_m = self._last["range_m"] * (1.0 if self.down is None else float(axis @ self.down))
+            down = self._last.get("down")
+            height_m = self._last["range_m"] * (1.0 if down is None else float(axis @ down))
             height_m = height_m if height_m > 0 else math.nan
         return {"height_m": height_m, "rate_rad_s": self._last.get("rate_rad_s"), "down": self._last.get("down")}
 
