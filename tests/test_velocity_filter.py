@@ -77,18 +77,23 @@ def test_it_is_least_squares_over_all_frames():
     assert np.allclose(now.covariance, covariance[3:6, 3:6], rtol=1e-3, atol=1e-9)
 
 
-def flown(seed, *, height=0.02, focal=0.0, yaw=0.0, gaps=False, frames=60):
+def flown(seed, *, height=0.02, focal=0.0, yaw=0.0, gaps=False, gyro=0.0, rocking=0.0, frames=60):
     """Errors of position and velocity at the end, with the covariances that were told."""
     rng = np.random.default_rng(seed)
     t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.02, 0.05, frames))])
     truth = walk(rng, t, power=1.0, start=1.0, speed=1.0, yaw=yaw)
     scale, axes = 1.0 + height * rng.standard_normal(), 1.0 + focal * rng.standard_normal(3) * [1, 1, 0]
+    bias, swing = gyro * rng.standard_normal(3), rocking * rng.standard_normal(3)
     noise = np.diag([0.01, 0.02, 0.03]) ** 2
-    kalman = VelocityFilter(acceleration_walk_m_s2=1.0, acceleration_std_m_s2=1.0, yaw_rate_std_rad_s=0.01)
+    kalman = VelocityFilter(
+        acceleration_walk_m_s2=1.0, acceleration_std_m_s2=1.0, yaw_rate_std_rad_s=0.01, wander_s=0.3, gate=8
+    )
     for k in range(frames):
-        true = truth.mean_body[k + 1]
-        z = true * scale * axes + np.sqrt(np.diag(noise)) * rng.standard_normal(3)
+        true, left = truth.mean_body[k + 1], np.exp(-(t[k + 1] - t[k]) / 0.3)
+        swing = left * swing + np.sqrt(1 - left**2) * rocking * rng.standard_normal(3)
+        z = true * scale * axes + bias + swing + np.sqrt(np.diag(noise)) * rng.standard_normal(3)
         parts = {"height": np.outer(z, z) * height**2, "focal_length": np.diag(z * z * focal**2) * [1, 1, 0]}
+        parts |= {"gyro": np.eye(3) * gyro**2, "rotation": np.eye(3) * rocking**2}
         lost = gaps and (k % 20) in (7, 8, 9, 10, 11)
         given = velocity(t[k + 1], t[k + 1] - t[k], None if lost else z, noise, **parts)
         now = kalman.update(given, rate_rad_s=(0.0, 0.0, yaw + 0.01 * rng.standard_normal()))
@@ -99,7 +104,15 @@ def flown(seed, *, height=0.02, focal=0.0, yaw=0.0, gaps=False, frames=60):
 
 @pytest.mark.parametrize(
     "conditions",
-    [{}, {"yaw": 0.8}, {"gaps": True}, {"focal": 0.03, "height": 0.0}, {"focal": 0.02, "yaw": -0.5, "gaps": True}],
+    [
+        {},
+        {"yaw": 0.8},
+        {"gaps": True},
+        {"focal": 0.03, "height": 0.0},
+        {"focal": 0.02, "yaw": -0.5, "gaps": True},
+        {"gyro": 0.1},
+        {"rocking": 0.1, "gaps": True},
+    ],
     ids=str,
 )
 def test_errors_are_as_large_as_it_says(conditions):
@@ -331,6 +344,8 @@ def test_wrong_arguments_are_named():
     v = velocity(0.1, 0.1, np.array([1.0, 0.0, 0.0]), np.eye(3) * 1e-4)
     with pytest.raises(rsflow.OptionError, match="common: got 'displacement'"):
         VelocityFilter(common=("displacement",))
+    with pytest.raises(rsflow.OptionError, match="wandering: got 'gyro', which common names too"):
+        VelocityFilter(wandering=("gyro",))
     with pytest.raises(rsflow.OptionError, match="height_m: got None, expected the height"):
         VelocityFilter(gyro_bias_std_rad_s=0.1).update(v)
     with pytest.raises(rsflow.OptionError, match="expected a filter with gyro_bias_std_rad_s"):

@@ -42,7 +42,8 @@ class VelocityFilter(Shared):
 
     What is the same in every frame does not average out: a height that is 1 % wrong makes the way 1 % wrong, however
     many frames there are. The parts of `Velocity.parts` named in `common` are carried along for that with their
-    variance and never estimated (Schmidt 1966): neither velocity nor position becomes surer than they allow.
+    variance and never estimated (Schmidt 1966): neither velocity nor position becomes surer than they allow. Those in
+    `wandering` are the same for a while, as a rocking that no gyro measured.
 
     Threads that share one wait for each other. A copy, or a pickle read anywhere, goes on with the same bits.
 
@@ -56,6 +57,10 @@ class VelocityFilter(Shared):
     common : sequence of str
         Parts of the velocities' covariance whose error is the same in every frame. Leave "height" out where each
         frame has a height of its own with errors of its own, as from a range finder.
+    wandering : sequence of str
+        Parts whose error stays for a while alone; what is in neither is another in every frame.
+    wander_s : float
+        How long: the time constant of a Gauss-Markov process of first order.
     gyro_bias_std_rad_s : float
         Standard deviation of each axis of a gyro's bias that the velocities were measured with and that is not in
         their covariance. With 0 there is none to estimate.
@@ -71,7 +76,7 @@ class VelocityFilter(Shared):
     Raises
     ------
     OptionError
-        If a number is outside of its range, or `common` names "displacement".
+        If a number is outside of its range, or a name is in both lists, or "displacement".
 
     Examples
     --------
@@ -103,7 +108,9 @@ class VelocityFilter(Shared):
         *,
         acceleration_walk_m_s2: float = 5.0,
         acceleration_std_m_s2: float = 5.0,
-        common: Sequence[str] = ("height", "focal length", "principal point"),
+        common: Sequence[str] = ("height", "focal length", "principal point", "gyro", "attitude"),
+        wandering: Sequence[str] = ("rotation",),
+        wander_s: float = 1.0,
         gyro_bias_std_rad_s: float = 0.0,
         rate_delay_std_s: float = 0.0,
         yaw_rate_std_rad_s: float = 0.02,
@@ -124,11 +131,17 @@ class VelocityFilter(Shared):
             "yaw_rate_std_rad_s": _checks.number(
                 "yaw_rate_std_rad_s", yaw_rate_std_rad_s, least=0, most=_MOST, of="rad/s"
             ),
+            "wander_s": _checks.number("wander_s", wander_s, above=0, most=_MOST, of="seconds"),
             "gate": _checks.number("gate", gate, above=0, most=_MOST),
             "max_rejected_s": _checks.number("max_rejected_s", max_rejected_s, least=0, most=_MOST, of="seconds"),
         }
         self._options: dict[str, float] = given
-        self._common = CommonCauses(_names(common))
+        memory_s = dict.fromkeys(_names("common", common), math.inf)
+        for name in _names("wandering", wandering):
+            if name in memory_s:
+                raise OptionError(f"wandering: got {name!r}, which common names too, expected other parts")
+            memory_s[name] = given["wander_s"]
+        self._common = CommonCauses(memory_s)
         self.reset()
 
     def __repr__(self) -> str:
@@ -222,7 +235,7 @@ class VelocityFilter(Shared):
         noise = self._common.own_noise(velocity)
         if self._belief is None:
             # The heading is that of the body where the interval began.
-            begun = Belief.begin(velocity.t_s - 2 * half, self._common.size, self._options)
+            begun = Belief.begin(velocity.t_s - 2 * half, self._common.memory_s, self._options)
             begun = begun.at(velocity.t_s - half, self._turning)
             self._belief = begun.seeded(z, noise, sight, seen, std).from_origin(half)
             return self._taken(velocity, FilterStatus.OK, 0.0)
@@ -307,7 +320,7 @@ class VelocityFilter(Shared):
 
     def _result(self, velocity: Velocity, status: FilterStatus, innovation: float = math.nan) -> FilteredVelocity:
         if self._belief is None:
-            unknown = Belief.begin(velocity.t_s, self._common.size, self._options)
+            unknown = Belief.begin(velocity.t_s, self._common.memory_s, self._options)
             unknown.mean[:10] = np.nan
             unknown.covariance[:10, :10] = np.diag(np.full(10, np.inf))
             now, status = unknown, FilterStatus.WAITING
@@ -338,13 +351,13 @@ class VelocityFilter(Shared):
         )
 
 
-def _names(common: Sequence[str]) -> tuple[str, ...]:
+def _names(argument: str, given: Sequence[str]) -> tuple[str, ...]:
     expected = "a list of names of parts, as ('height', 'focal length')"
-    if isinstance(common, str):
-        raise _checks.refused("common", common, expected)
-    names = tuple(_checks.text("common", name) for name in _checks.iterable("common", common, expected))
+    if isinstance(given, str):
+        raise _checks.refused(argument, given, expected)
+    names = tuple(_checks.text(argument, name) for name in _checks.iterable(argument, given, expected))
     if "displacement" in names:
-        raise OptionError("common: got 'displacement', whose error is another in every frame, expected other parts")
+        raise OptionError(f"{argument}: got 'displacement', whose error is another in every frame, expected others")
     return names
 
 

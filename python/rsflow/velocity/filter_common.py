@@ -1,11 +1,12 @@
-"""What is wrong alike in every frame: a height, a focal length. It does not average out.
+"""What is wrong alike in every frame, a height or a focal length, or for a while. It does not average out.
 
 docs/algorithms.md, section "Velocities filtered over time: VelocityFilter".
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ __all__ = ["CommonCauses"]
 
 F64 = NDArray[np.float64]
 
+# How much of the mean covariance of a cause is left after one more frame: some 30 frames count.
+_KEPT = 0.97
+
 
 class CommonCauses:
     """Causes of unit variance that follow the state, and what each does to a velocity, learned from its parts.
@@ -24,18 +28,25 @@ class CommonCauses:
     A height that is wrong scales the velocity. A focal length scales each axis by itself. Of any other cause nothing is
     known but its covariance: it adds a velocity that stays. All of it is told as a share of the velocity, or as what it
     is on average, and never follows the noise of a single measurement, which would pass for knowledge of the cause.
+
+    Parameters
+    ----------
+    memory_s : mapping of str to float
+        Parts of velocities' covariances, and how long the error of each lasts: infinite, or a time constant.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, memory_s: Mapping[str, float]) -> None:
         self.places: dict[str, slice] = {}
-        at = STATES
-        for name in dict.fromkeys(names):
-            count = 1 if name == "height" else 3
+        lasting: list[float] = []
+        for name, memory in memory_s.items():
+            count = 1 if name == "height" and math.isinf(memory) else 3
+            at = STATES + len(lasting)
             self.places[name] = slice(at, at + count)
-            at += count
-        self.size = at
+            lasting += [memory] * count
+        self.memory_s = np.array(lasting, dtype=np.float64)
+        self.size = STATES + len(lasting)
         # Of each name the sums of its parts, of the squares of the velocities, and how many there were.
-        self._sums: dict[str, tuple[F64, F64, int]] = {}
+        self._sums: dict[str, tuple[F64, F64, float]] = {}
 
     def forget(self) -> None:
         """Begin anew."""
@@ -50,14 +61,15 @@ class CommonCauses:
             if part is None:
                 continue
             part = np.where(np.isfinite(part), part, 0.0)
-            if name == "height":
+            lasts = math.isinf(self.memory_s[place.start - STATES])
+            if name == "height" and lasts:
                 square = float(v @ v)
                 share[:, place] = np.sqrt(max(float(v @ part @ v), 0.0)) / square if square > 0.0 else 0.0
                 continue
-            parts, squares, count = self._sums.get(name, (np.zeros((3, 3)), np.zeros(3), 0))
-            parts, squares, count = parts + part, squares + v * v, count + 1
+            parts, squares, count = self._sums.get(name, (np.zeros((3, 3)), np.zeros(3), 0.0))
+            parts, squares, count = _KEPT * parts + part, _KEPT * squares + v * v, _KEPT * count + 1.0
             self._sums[name] = parts, squares, count
-            if name == "focal length":
+            if name == "focal length" and lasts:
                 ratio = np.divide(np.diag(parts), squares, out=np.zeros(3), where=squares > 0.0)
                 share[:, place] = np.diag(np.sqrt(np.maximum(ratio, 0.0)))
             else:

@@ -74,21 +74,23 @@ class Sight:
 
 @dataclass(frozen=True)
 class Belief:
-    """State (N,), its covariance (N, N) and the time of both; `walk` is the power of the jerk."""
+    """State (N,), its covariance (N, N) and the time of both; `walk` is the power of the jerk, see `kalman.advance`."""
 
     mean: F64
     covariance: F64
     t_s: float
     walk: float
+    memory_s: F64
 
     @classmethod
-    def begin(cls, t_s: float, size: int, options: Mapping[str, float]) -> Belief:
-        """Know nothing but the deviations that were stated."""
+    def begin(cls, t_s: float, memory_s: F64, options: Mapping[str, float]) -> Belief:
+        """Know nothing but the deviations that were stated, and of the causes after these how long they last."""
+        size = STATES + len(memory_s)
         variances = np.zeros(size)
         variances[BIAS] = options["gyro_bias_std_rad_s"] ** 2
         variances[DELAY] = options["rate_delay_std_s"] ** 2
         variances[STATES:] = 1.0
-        return cls(np.zeros(size), np.diag(variances), t_s, options["acceleration_walk_m_s2"] ** 2)
+        return cls(np.zeros(size), np.diag(variances), t_s, options["acceleration_walk_m_s2"] ** 2, memory_s)
 
     def at(self, t_s: float, turning: Turning) -> Belief:
         """Carry it on to a later time; an earlier one leaves it as it is."""
@@ -97,7 +99,14 @@ class Belief:
             return self
         turn, variance, gyro = turning.over(dt)
         mean, covariance = kalman.advance(
-            self.mean, self.covariance, dt, walk=self.walk, turn_rad=turn, turn_variance=variance, gyro=gyro
+            self.mean,
+            self.covariance,
+            dt,
+            walk=self.walk,
+            turn_rad=turn,
+            turn_variance=variance,
+            gyro=gyro,
+            memory_s=self.memory_s,
         )
         if covariance[BIAS, BIAS].any():
             covariance[BIAS, BIAS] += np.eye(3) * _BIAS_WALK**2 * dt

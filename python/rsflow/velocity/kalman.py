@@ -32,18 +32,29 @@ HEADING, BIAS, DELAY, STATES = 9, slice(10, 13), 13, 14
 
 
 def advance(
-    state: F64, covariance: F64, dt_s: float, *, walk: float, turn_rad: float, turn_variance: float, gyro: F64 | None
+    state: F64,
+    covariance: F64,
+    dt_s: float,
+    *,
+    walk: float,
+    turn_rad: float,
+    turn_variance: float,
+    gyro: F64 | None,
+    memory_s: F64,
 ) -> tuple[F64, F64]:
     """Carry state and covariance on by `dt_s`.
 
     `walk` is the variance of the change of acceleration in a second; `turn_rad` the change of heading meanwhile, and
-    `gyro` (4,) its derivative by gyro bias and delay where a gyro measured it.
+    `gyro` (4,) its derivative by gyro bias and delay where a gyro measured it. `memory_s` is how long the last states,
+    which have unit variance, keep their value: infinite, or the time constant of a Gauss-Markov process of first order.
     """
-    step = np.eye(len(state))
+    step, first = np.eye(len(state)), len(state) - len(memory_s)
     step[POSITION, VELOCITY] = step[VELOCITY, ACCELERATION] = dt_s * np.eye(3)
     step[POSITION, ACCELERATION] = 0.5 * dt_s**2 * np.eye(3)
     if gyro is not None:
         step[HEADING, 10:14] = gyro
+    kept = np.exp(-dt_s / memory_s)
+    step[first:, first:] = np.diag(kept)
     state = step @ state
     state[HEADING] += turn_rad
     covariance = step @ covariance @ step.T
@@ -57,6 +68,7 @@ def advance(
     )
     covariance[:9, :9] += np.kron(noise, np.eye(3))
     covariance[HEADING, HEADING] += turn_variance
+    covariance[first:, first:] += np.diag(1.0 - kept**2)
     return state, covariance
 
 
