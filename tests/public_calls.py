@@ -193,6 +193,18 @@ def _attitudes() -> velocity.Attitudes:
     return velocity.Attitudes(np.array([0.0, 0.1]), np.array([[0.0, 0.1, 1.0], [0.0, 0.1, 1.0]]))
 
 
+def _condition_row() -> bench.ConditionRow:
+    return bench.ConditionRow("level flight", 39, 0.03, -0.01, 1.0, 0.0, 0.69, 0.95)
+
+
+def _velocity_bench() -> bench.VelocityBench:
+    return bench.VelocityBench((_condition_row(),), (_latency_row(),), "avx2", 1, {})
+
+
+def _latency_row() -> bench.LatencyRow:
+    return bench.LatencyRow((64, 64), "rsflow", "frame to velocity", 0.4, 0.7)
+
+
 def _bench_row() -> bench.Row:
     return bench.Row("points", "a", "rsflow", 0.1, 0.2, 1.0, 3.0)
 
@@ -379,8 +391,16 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     ),
     "rsflow.bench.Bench.conditions": lambda _: (bench.Bench((_bench_row(),), "avx2", 1, 1, {}).conditions, {}),
     "rsflow.bench.Bench.tables": lambda _: (bench.Bench((_bench_row(),), "avx2", 1, 1, {}).tables, {}),
+    "rsflow.bench.ConditionRow": lambda _: (bench.ConditionRow, _fields(_condition_row())),
+    "rsflow.bench.LatencyRow": lambda _: (bench.LatencyRow, _fields(_latency_row())),
     "rsflow.bench.Row": lambda _: (bench.Row, _fields(_bench_row())),
+    "rsflow.bench.VelocityBench": lambda _: (bench.VelocityBench, _fields(_velocity_bench())),
+    "rsflow.bench.VelocityBench.tables": lambda _: (_velocity_bench().tables, {}),
     "rsflow.bench.measure": lambda _: (bench.measure, {"threads": 1, "rounds": 1, "quick": True}),
+    "rsflow.bench.measure_velocity": lambda _: (
+        bench.measure_velocity,
+        {"only": ["level"], "flights": 1, "rounds": 0, "quick": True, "progress": None},
+    ),
     "rsflow.bench.with_tables": lambda _: (
         bench.with_tables,
         {"text": f"{bench.BEGIN}\n{bench.END}\n", "bench": bench.Bench((_bench_row(),), "avx2", 1, 1, {})},

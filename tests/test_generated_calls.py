@@ -39,7 +39,12 @@ MADE_BY_US = {"rsflow.Frames": "reader"}
 NOT_LOOKED_AT = {"pyramid", "pyrBorder", "derivBorder", "tryReuseInputImage", "status", "err", "corners", "flow"}
 
 # A call that works takes seconds: their arguments are tested below, one value that is refused each.
-LONG = {"rsflow.bench.measure", "rsflow.reproduce.real_motion", "rsflow.velocity.plot_velocity"}
+LONG = {
+    "rsflow.bench.measure",
+    "rsflow.bench.measure_velocity",
+    "rsflow.reproduce.real_motion",
+    "rsflow.velocity.plot_velocity",
+}
 
 # What these do when they are called is the caller's own; that they are functions is checked all the same.
 FUNCTIONS = {"lighting", "exposure_drift", "on_frame", "on_done", "on_view", "progress"}

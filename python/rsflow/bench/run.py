@@ -10,7 +10,6 @@ import platform
 import statistics
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _checks
-from .._core import __version__, build_info, get_num_threads, set_num_threads
+from .._core import __version__, build_info
 from ..camera.model import Camera
 from ..synthetic import Lighting, flight_with_object, gain, shifted_pair
 from ..tracking import detect_corners
+from ._threads import threads as threads_of
 from .methods import Method, dense_methods, point_methods, shift_methods
 from .tables import Bench, Row
 
@@ -81,7 +81,7 @@ def measure(*, threads: int = 1, rounds: int = 9, quick: bool = False) -> Bench:
     quick = _checks.flag("quick", quick)
     size = (320, 240) if quick else (640, 480)
     rows: list[Row] = []
-    with _threads(threads):
+    with threads_of(threads):
         for scene in (*_shifted(size), _flown(size)):
             rows += _turns("dense flow", scene, dense_methods(), rounds)
         for scene in _shifted(size):
@@ -97,21 +97,6 @@ def measure(*, threads: int = 1, rounds: int = 9, quick: bool = False) -> Bench:
         "rsflow": __version__, "OpenCV": cv2.__version__, "numpy": np.__version__, "Python": platform.python_version(),
     }  # fmt: skip
     return Bench(tuple(rows), str(build_info()["cpu_level"]), threads, rounds, versions)
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Have rsflow and OpenCV use `count` threads, and what they used before at the end."""
-    import cv2
-
-    before = get_num_threads(), cv2.getNumThreads()
-    try:
-        set_num_threads(count)
-        cv2.setNumThreads(count)
-        yield
-    finally:
-        set_num_threads(before[0])
-        cv2.setNumThreads(before[1])
 
 
 def _turns(subject: str, scene: _Scene, methods: Sequence[Method], rounds: int) -> list[Row]:

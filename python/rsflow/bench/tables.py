@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,8 @@ import numpy as np
 from .. import _checks
 from .._display import fields
 from ..errors import FormatError
+from ._markdown import markdown
+from .velocity_tables import VelocityBench
 
 __all__ = ["BEGIN", "END", "Bench", "Row", "with_tables"]
 
@@ -99,7 +100,7 @@ class Bench:
                     f"{100 * row.answered:.1f} %", taken,
                 ))  # fmt: skip
                 last = row.scene
-            parts.append(_table(cells))
+            parts.append(markdown(cells))
         return "\n\n".join([*parts, self.conditions()])
 
 
@@ -107,28 +108,20 @@ def _pixels(length: float) -> str:
     return f"{length:.4f} px" if np.isfinite(length) else "-"
 
 
-def _table(cells: Sequence[tuple[str, ...]]) -> str:
-    widths = [max(len(row[j]) for row in cells) for j in range(len(cells[0]))]
-
-    def line(row: Sequence[str]) -> str:
-        # The first two columns are words, the others numbers.
-        padded = (f"{cell:{'<' if j < 2 else '>'}{widths[j]}}" for j, cell in enumerate(row))
-        return f"| {' | '.join(padded)} |"
-
-    rule = "|" + "|".join("-" * (w + 2) if j < 2 else "-" * (w + 1) + ":" for j, w in enumerate(widths)) + "|"
-    return "\n".join([line(cells[0]), rule, *map(line, cells[1:])])
-
-
-def with_tables(text: str, bench: Bench | None, *, name: str = "the file") -> str:
+def with_tables(
+    text: str, bench: Bench | VelocityBench | None, *, name: str = "the file", marks: tuple[str, str] = (BEGIN, END)
+) -> str:
     r"""Give the Markdown `text` with the tables of `bench` between the lines `BEGIN` and `END`.
 
     Parameters
     ----------
     text : str
-    bench : Bench or None
+    bench : Bench, VelocityBench or None
         None changes nothing and only checks `text`.
     name : str
         What to call the text in an error.
+    marks : (str, str)
+        The two lines; `VELOCITY_MARKS` for a `VelocityBench`.
 
     Returns
     -------
@@ -146,15 +139,19 @@ def with_tables(text: str, bench: Bench | None, *, name: str = "the file") -> st
     """
     text, name = _checks.text("text", text), _checks.text("name", name)
     if bench is not None:
-        _checks.instance("bench", bench, Bench, "a Bench or None")
+        _checks.instance("bench", bench, (Bench, VelocityBench), "a Bench, a VelocityBench or None")
+    pair = [_checks.text("marks", mark) for mark in _checks.iterable("marks", marks, "two lines")]
+    if len(pair) != 2:
+        raise _checks.refused("marks", marks, "two lines")
+    first, last = pair
     lines = [line.strip() for line in text.splitlines()]
-    if (lines.count(BEGIN), lines.count(END)) != (1, 1) or lines.index(BEGIN) > lines.index(END):
+    if (lines.count(first), lines.count(last)) != (1, 1) or lines.index(first) > lines.index(last):
         raise FormatError(
-            f"{name}: {lines.count(BEGIN)} lines {BEGIN!r} and {lines.count(END)} lines {END!r}, "
+            f"{name}: {lines.count(first)} lines {first!r} and {lines.count(last)} lines {last!r}, "
             "expected one of each, in this order, around the tables"
         )
     if bench is None:
         return text
     kept = text.splitlines(keepends=True)
-    begin, end = lines.index(BEGIN), lines.index(END)
+    begin, end = lines.index(first), lines.index(last)
     return "".join([*kept[: begin + 1], "\n", bench.tables(), "\n\n", *kept[end:]])

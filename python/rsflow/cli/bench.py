@@ -7,6 +7,10 @@ import json
 import math
 import sys
 from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rsflow.bench import Bench, VelocityBench
 
 DESCRIPTION = """\
 Measure accuracy and time of rsflow beside OpenCV, on made scenes whose motion is known exactly.
@@ -19,8 +23,16 @@ All take turns in each round, with the same number of threads; times are medians
 difference from the truth: of dense flow at every pixel that stays in the picture, of points over those for which the
 method gives an answer ('answered' is their share).
 
+With 'velocity': VelocityEstimator under each condition of a set-up (light, tilt, gyro, times, rolling shutter, own
+vehicle, weak and repeating ground, heights), on flights whose velocity is known exactly. rms and bias are in percent of
+the speed; 'valid' is the share of frames with a velocity, 'false' of those with one that is off by more than five
+deviations and 2 %; 'within 1' and 'within 2' are shares within as many standard deviations. Then the time from frame to
+velocity, by stage, beside goodFeaturesToTrack, calcOpticalFlowPyrLK and RANSAC. It takes some minutes.
+
 examples:
   rsflow bench
+  rsflow bench velocity
+  rsflow bench velocity --only "level" --only "rolling shutter" --flights 5
   rsflow bench --threads 4 --rounds 21
   rsflow bench --quick --json
   rsflow bench --update README.md"""
@@ -28,13 +40,27 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``rsflow bench``."""
+    parser.add_argument(
+        "subject", nargs="?", choices=("velocity",), help="what to measure (default: motion in pictures)"
+    )
     parser.add_argument("--threads", type=int, default=1, metavar="N", help="of rsflow and of OpenCV (default 1)")
-    parser.add_argument("--rounds", type=int, metavar="N", help="timed calls of each method (default 9; --quick: 3)")
+    parser.add_argument(
+        "--rounds",
+        type=int,
+        metavar="N",
+        help="timed calls of each method (default 9; --quick: 3), or frames of each size (velocity: 60)",
+    )
+    parser.add_argument(
+        "--only", metavar="NAME", action="append",
+        help="velocity: conditions whose name begins so, and no times; may be given several times",
+    )  # fmt: skip
+    parser.add_argument("--flights", type=int, metavar="N", help="velocity: flights of each condition (default 3)")
     parser.add_argument("--quick", action="store_true", help="smaller scenes and fewer pairs: a trial, not for quoting")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     parser.add_argument(
         "--update", metavar="FILE",
-        help="rewrite what stands between <!-- bench-start --> and <!-- bench-end --> in this Markdown file",
+        help="rewrite what stands between <!-- bench-start --> and <!-- bench-end --> in this Markdown file (velocity: "
+        "<!-- velocity-conditions-start --> and -end)",
     )  # fmt: skip
 
 
@@ -43,15 +69,16 @@ def run(args: argparse.Namespace) -> int:
     from rsflow import bench
     from rsflow.io.atomic import writing
 
+    velocity = args.subject == "velocity"
+    marks = bench.VELOCITY_MARKS if velocity else (bench.BEGIN, bench.END)
     # Before the measuring: what is wrong with the file should not cost a minute.
     page = None if args.update is None else _read(args.update)
     if page is not None:
-        bench.with_tables(page, None, name=args.update)
-    rounds = args.rounds if args.rounds is not None else 3 if args.quick else 9
-    found = bench.measure(threads=args.threads, rounds=rounds, quick=args.quick)
+        bench.with_tables(page, None, name=args.update, marks=marks)
+    found = _velocity(args) if velocity else _motion(args)
     if args.json:
         figures = asdict(found)
-        for row in figures["rows"]:
+        for row in (row for rows in figures.values() if isinstance(rows, tuple) for row in rows):
             # JSON has no NaN.
             row.update({k: None for k, v in row.items() if isinstance(v, float) and not math.isfinite(v)})
         print(json.dumps(figures, indent=1))
@@ -59,9 +86,33 @@ def run(args: argparse.Namespace) -> int:
         print(found.tables())
     if page is not None:
         with writing(args.update) as partial:
-            partial.write_bytes(bench.with_tables(page, found, name=args.update).encode("utf-8"))
+            partial.write_bytes(bench.with_tables(page, found, name=args.update, marks=marks).encode("utf-8"))
         print(f"{args.update}: tables rewritten", file=sys.stderr)
     return 0
+
+
+def _motion(args: argparse.Namespace) -> Bench:
+    from rsflow import bench
+    from rsflow.errors import OptionError
+
+    for name in ("only", "flights"):
+        if getattr(args, name) is not None:
+            raise OptionError(f"--{name}: got {getattr(args, name)}, expected it with rsflow bench velocity alone")
+    rounds = args.rounds if args.rounds is not None else 3 if args.quick else 9
+    return bench.measure(threads=args.threads, rounds=rounds, quick=args.quick)
+
+
+def _velocity(args: argparse.Namespace) -> VelocityBench:
+    from rsflow import bench
+    from rsflow.errors import OptionError
+
+    if args.threads != 1:
+        raise OptionError(f"--threads: got {args.threads}, expected 1: velocities are timed on one thread")
+    rounds = args.rounds if args.rounds is not None else 0 if args.only else 60
+    return bench.measure_velocity(
+        only=args.only, flights=3 if args.flights is None else args.flights, rounds=rounds, quick=args.quick,
+        progress=lambda name: print(name, file=sys.stderr, flush=True),
+    )  # fmt: skip
 
 
 def _read(path: str) -> str:
