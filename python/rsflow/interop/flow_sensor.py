@@ -23,7 +23,7 @@ _MOST = 1e9
 # Below this the body looks past the ground: 80 degrees from straight down.
 _LEAST_COSINE = 0.17
 # What does not reach the flow: a height scales velocity and distance alike, a rate that was taken off is added again.
-_NOT_OF_THE_FLOW = ("height", "gyro")
+_NOT_OF_THE_FLOW = ("height", "gyro", "rotation")
 # PX4's EKF2_OF_N_MIN and EKF2_OF_N_MAX: what it takes the qualities 255 and EKF2_OF_QMIN for, in rad/s.
 PX4_NOISE_RAD_S = (0.15, 0.5)
 
@@ -50,13 +50,13 @@ class FlowReading:
         a turn of the vehicle to the right wing down is positive about the forward axis, as is a motion to the left.
         Moving forward is positive about the right axis. Zeros where the velocity was not measured.
     gyro_rad : (3,) float64
-        Turn of the vehicle meanwhile, by its gyro, right-handed; NaN where no rate was given.
+        Turn of the vehicle meanwhile, by a gyro, right-handed, as it was taken off; NaN where no rate was given.
     distance_m : float
         To the ground along the vehicle's down axis; NaN where not known.
     velocity_m_s, covariance : (3,) and (3, 3) float64
         Of the vehicle over the ground; NaN and infinite where not measured.
     rate_rad_s, rate_covariance : (3,) and (3, 3) float64
-        Its mean rate; NaN and infinite where not known.
+        Its mean rate, by a gyro or as the pictures tell; NaN and infinite where not known.
     noise_rad_s : float
         Standard deviation of the flow's rate along its worst axis; infinite where not measured.
     quality : int
@@ -116,8 +116,7 @@ def flow_reading(
     height_m : float, optional
         Height that the velocity was computed with; by default the velocity's own.
     rate_rad_s : (3,) array_like, optional
-        Rate that was given to the estimator, in the axes of the velocity; by default the velocity's own. NaN where the
-        estimator had none: the flow then holds the turn as it is, and the gyro is not known.
+        Rate of a gyro that was given to the estimator, in the axes of the velocity; None and NaN where it had none.
     down : (3,) array_like, optional
         Straight down in the axes of the velocity, of any length; by default, and where it is NaN, its z axis.
     noise_rad_s : (float, float)
@@ -145,7 +144,7 @@ def flow_reading(
     _checks.instance("velocity", velocity, Velocity, "a Velocity")
     turn = np.array(_ROTATIONS[_checks.choice("forward", forward, tuple(_ROTATIONS))])
     best, worst = noise_bounds(noise_rad_s)
-    rate, rate_covariance = _rate(velocity, rate_rad_s)
+    rate, rate_covariance, by_gyro = _rate(velocity, rate_rad_s)
     height = _height(velocity, height_m)
     cosine = _cosine(down)
     distance = height / cosine if cosine > _LEAST_COSINE and height > 0 else math.nan
@@ -165,7 +164,7 @@ def flow_reading(
         t_s=velocity.t_s,
         dt_s=velocity.dt_s,
         flow_rad=flow,
-        gyro_rad=rate * velocity.dt_s if known else np.full(3, np.nan),
+        gyro_rad=rate * velocity.dt_s if known and by_gyro else np.full(3, np.nan),
         distance_m=distance,
         velocity_m_s=v,
         covariance=_turned(turn, velocity.covariance),
@@ -228,14 +227,18 @@ def _of_the_flow(velocity: Velocity) -> F64:
     return covariance
 
 
-def _rate(velocity: Velocity, rate_rad_s: ArrayLike | None) -> tuple[F64, F64]:
-    own = getattr(velocity, "rate_covariance", None)
-    covariance = np.diag(np.full(3, np.inf)) if own is None else np.asarray(own, dtype=np.float64)
+def _rate(velocity: Velocity, rate_rad_s: ArrayLike | None) -> tuple[F64, F64, bool]:
+    """Give the rate that the velocity was computed with, its covariance, and whether a gyro measured it."""
+    given = np.full(3, np.nan)
     if rate_rad_s is not None:
-        given = _checks.array("rate_rad_s", rate_rad_s, (3,), "three numbers, NaN where not known")
-        return given.astype(np.float64), covariance
-    kept = getattr(velocity, "rate_rad_s", None)
-    return (np.full(3, np.nan) if kept is None else np.asarray(kept, dtype=np.float64)), covariance
+        given = _checks.array("rate_rad_s", rate_rad_s, (3,), "three numbers, NaN where not known").astype(np.float64)
+    by_gyro = bool(np.isfinite(given).all()) or "gyro" in velocity.parts
+    own = getattr(velocity, "rate_rad_s", None)
+    if own is None or not np.isfinite(own).all():
+        return given, np.diag(np.full(3, np.inf)), by_gyro
+    # What was learned of the gyro is taken off it, and what the pictures said of a rotation is in it.
+    spread = getattr(velocity, "rate_covariance", np.diag(np.full(3, np.inf)))
+    return np.asarray(own, dtype=np.float64), np.asarray(spread, dtype=np.float64), by_gyro
 
 
 def _height(velocity: Velocity, height_m: float | None) -> float:
