@@ -161,7 +161,15 @@ class Rates:
         if rows is None:
             return np.full(3, np.nan)
         knots = np.concatenate([[begin], line.t_s[rows], [end]])
-        ends = np.stack([np.interp((begin, end), line.t_s, rate[:, axis]) for axis in range(3)], axis=1)
-        values = np.concatenate([ends[:1], rate[rows], ends[1:]])
+        values = np.concatenate([_on_line(line.t_s, rate, begin), rate[rows], _on_line(line.t_s, rate, end)])
         steps = np.diff(knots)[:, None]
         return np.asarray((0.5 * steps * (values[1:] + values[:-1])).sum(axis=0) / (end - begin), dtype=np.float64)
+
+
+def _on_line(t_s: F64, rate: F64, at_s: float) -> F64:
+    """Give the rate at a time on the line between two rows, (1, 3); outside of all that of the nearest row."""
+    row = min(max(int(np.searchsorted(t_s, at_s, side="right")) - 1, 0), len(t_s) - 1)
+    after = min(row + 1, len(t_s) - 1)
+    step = float(t_s[after] - t_s[row])
+    share = min(max(float(at_s - t_s[row]) / step, 0.0), 1.0) if step > 0 else 0.0
+    return (1.0 - share) * rate[row : row + 1] + share * rate[after : after + 1]
