@@ -157,6 +157,28 @@ def test_an_interrupted_run_keeps_what_was_sent(flown, tmp_path, capsys, monkeyp
     capsys.readouterr()
 
 
+def test_a_filtered_table_beside_the_measured_one(flown, tmp_path, capsys):
+    """Rates in a log: the heading follows them. Without --filter there is no such table."""
+    import csv
+
+    given = ("--height", 0.4, "--height-std", 0.004, "--rates", flown / "rates.csv", "--rate-std", 0.001)
+    assert velocity(flown, tmp_path, *given, "--filter", 0.1, "--json") == 0
+    summary = json.loads(capsys.readouterr().out)
+    with Path(summary["filtered"]).open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == ["waiting"] + ["ok"] * 5
+    last = {name: float(value) for name, value in rows[-1].items() if name not in ("status", "std_without")}
+    assert last["vx_m_s"] == pytest.approx(0.2, abs=0.004)
+    assert last["x_m"] == pytest.approx(0.2 * 5 / 20, abs=0.001)
+    # One per cent of height is one per cent of the way.
+    assert last["x_std_m"] > 0.0099 * last["x_m"]
+    assert (tmp_path / "out" / "velocity.csv").is_file()
+    assert velocity(flown, tmp_path / "c", *given, "--json") == 0
+    assert "filtered" not in json.loads(capsys.readouterr().out)
+    assert velocity(flown, tmp_path / "b", *given, "--filter", "-1") == 1
+    assert "acceleration_walk_m_s2: got -1" in capsys.readouterr().err
+
+
 def test_live_sends_each_frame(flown, tmp_path, capsys):
     log = tmp_path / "live.tlog"
     # Pictures have no times: a video has.

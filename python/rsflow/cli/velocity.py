@@ -17,6 +17,7 @@ from rsflow.cli._sensors import FILES, add_ground, height_of, sensors_of
 if TYPE_CHECKING:
     from rsflow._results.folder import ResultFolder
     from rsflow.capture import Frames
+    from rsflow.extraction.filtered import Filtered
 
 FILES_OF = {
     "csv": "velocity.csv",
@@ -24,6 +25,7 @@ FILES_OF = {
     "svg": "velocity.svg",
     "plot": "velocity.png",
     "parquet": "velocity.parquet",
+    "filtered": "filtered.csv",
 }
 
 DESCRIPTION = """\
@@ -35,6 +37,7 @@ ranges. Writes into the folder OUT:
   velocity.csv    a row a frame: frame,t_s,dt_s,vx_m_s,vy_m_s,vz_m_s, their deviations and covariances, height_m,
                   dx_px,dy_px (how far the picture went), n_points,status; velocity.parquet too with --parquet
   trajectory.csv  the path: x_m,y_m,z_m,heading_rad,distance_m, their deviations, the covariance of the place
+  filtered.csv    with --filter: velocity, position, acceleration and heading by a Kalman filter over all frames
   velocity.svg    the velocity over time, with the band of its deviation
   velocity.png    the same with the speed over ground (needs matplotlib: pip install 'rsflow-motion[plot]')
 
@@ -67,6 +70,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_range(parser)
     add_overwrite(parser)
     add_exports(parser)
+    parser.add_argument(
+        "--filter",
+        type=float,
+        metavar="M_S2",
+        help="write filtered.csv too, by a Kalman filter: by how much accelerations change within a second (10: flown "
+        "hard, 1: hovering, 0.1: a model on a table)",
+    )
     parser.add_argument("--parquet", action="store_true", help="write velocity.parquet too")
     said = parser.add_mutually_exclusive_group()
     said.add_argument("--json", action="store_true", help="print a summary as JSON")
@@ -78,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
     import rsflow
     from rsflow.capture.masks import expect_size
     from rsflow.capture.too_few import too_few
+    from rsflow.extraction.filtered import Filtered
     from rsflow.extraction.ground import Ground
     from rsflow.extraction.summary import as_json
     from rsflow.extraction.trajectory import Trajectory
@@ -89,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     mask = mask_of(args.mask)
     rows: list[dict[str, Any]] = []
     path: list[dict[str, Any]] = []
-    trajectory = Trajectory()
+    trajectory, filtered = Trajectory(), Filtered(args.filter, constant_height=args.height is not None)
     budget, interrupted = "", False
     broken: rsflow.RsflowError | None = None
     source = source_of(args.source)
@@ -107,6 +118,7 @@ def run(args: argparse.Namespace) -> int:
                     ground.open(sequence, None, mask)
                 v, row = ground.update(frame)
                 sent.write(v, **ground.known)
+                filtered.add(v, frame.index, ground.known)
                 path.append(trajectory.add(v, frame.index, **ground.attitude))
                 rows.append(row)
                 budget = v.budget() if v.valid else budget
@@ -126,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
         if missed is not None and broken is None:
             raise missed
         result.record()
-        files, note = _write(args, rows, path)
+        files, note = _write(args, rows, path, filtered)
         result.finish(list(files.values()))
     notes = [text for text in (*sequence.notes, *ground.notes, not_stated(ground.unstated)) if text]
     summary = _summary(rows) | as_json(trajectory.figures()) | {"std_without": list(ground.unstated), "notes": notes}
@@ -135,6 +147,7 @@ def run(args: argparse.Namespace) -> int:
     plot = files.get("plot", files["svg"])
     summary |= {"csv": str(files["csv"]), "trajectory": str(files["trajectory"]), "svg": str(files["svg"])}
     summary |= {"plot": str(plot), "parquet": str(files["parquet"]) if "parquet" in files else None}
+    summary |= {"filtered": str(files["filtered"])} if "filtered" in files else {}
     if args.json or args.json_lines:
         print(json.dumps(summary, indent=2 if args.json else None))
     else:
@@ -158,14 +171,15 @@ def _folder(args: argparse.Namespace, source: int | str, sequence: Frames) -> Re
 
     expect_range(sequence)
     folder = Path(args.output)
-    names = [name for kind, name in FILES_OF.items() if kind != "parquet" or args.parquet]
+    asked = {"parquet": args.parquet, "filtered": args.filter is not None}
+    names = [name for kind, name in FILES_OF.items() if asked.get(kind, True)]
     Inputs(source, files=[getattr(args, name) for name in FILES]).refuse([folder / name for name in names])
     identity = identity_of(source, args, files=FILES)
     return ResultFolder(folder, "velocity", list(FILES_OF.values()), identity, overwrite=args.overwrite)
 
 
 def _write(
-    args: argparse.Namespace, rows: list[dict[str, Any]], path: list[dict[str, Any]]
+    args: argparse.Namespace, rows: list[dict[str, Any]], path: list[dict[str, Any]], filtered: Filtered
 ) -> tuple[dict[str, Path], str | None]:
     """Write the files; give them by kind, and what stands in the way of the plot as a sentence."""
     from rsflow.errors import MissingExtraError
@@ -186,6 +200,8 @@ def _write(
         series.append(row)
     with writing(files["svg"]) as partial:
         partial.write_text(velocity_plot(series, mounted=args.mount is not None), encoding="utf-8")
+    if not filtered.write(files["filtered"]):
+        del files["filtered"]
     if args.parquet:
         write_velocity_parquet(files["parquet"], rows)
     else:
@@ -234,6 +250,8 @@ def _show(summary: dict[str, Any], budget: str) -> None:
     print(f"table  {summary['csv']}")
     print(f"path   {summary['trajectory']}")
     print(f"plot   {summary['plot']}")
+    if "filtered" in summary:
+        print(f"filter {summary['filtered']}")
     for place in (summary.get("mavlink"), summary.get("ros2_bag")):
         if place is not None:
             print(f"sent   {place}: {summary['exported']} frames, {summary['exported_blind']} of them with quality 0")

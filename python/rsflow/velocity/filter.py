@@ -191,7 +191,8 @@ class VelocityFilter(Shared):
             Height over the ground that the velocity was computed with: where a gyro's bias or delay are estimated, it
             says what these do to the velocity.
         down : (3,) array_like, optional
-            Straight down in the body frame at this frame, of any length; by default the body's z axis.
+            Straight down in the body frame at this frame, of any length; by default the body's z axis, and where it is
+            NaN what it was before.
 
         Returns
         -------
@@ -208,7 +209,7 @@ class VelocityFilter(Shared):
         rate = _rate(velocity, rate_rad_s)
         residual = self._residual(residual_rate_rad_s, residual_rate_covariance)
         height = self._height(velocity, height_m)
-        straight = _straight(down)
+        straight = self._down if (told := _straight(down)) is None else told
         dt, end = velocity.dt_s, velocity.t_s
         if not (math.isfinite(dt) and dt > 0):
             # A first frame, or one that is not later: nothing went on.
@@ -365,10 +366,13 @@ def _vector(name: str, value: ArrayLike, expected: str) -> F64:
     return np.asarray(_checks.array(name, value, (3,), expected), dtype=np.float64)
 
 
-def _straight(down: ArrayLike | None) -> F64:
+def _straight(down: ArrayLike | None) -> F64 | None:
+    """Give a unit vector; None where it is not known."""
     if down is None:
         return np.array([0.0, 0.0, 1.0])
-    vector = _checks.vector("down", down, 3, "three finite numbers")
+    vector = _vector("down", down, "three numbers, NaN where not known")
+    if not np.isfinite(vector).all():
+        return None
     length = float(np.linalg.norm(vector))
     if length == 0.0:
         raise OptionError("down: got (0, 0, 0), expected a direction")
