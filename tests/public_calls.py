@@ -583,6 +583,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.synthetic.Gyro.log": lambda _: (synthetic.Gyro(rate_hz=200.0).log, {"flight": flight()}),
     "rsflow.synthetic.GyroLog": lambda _: (synthetic.GyroLog, _fields(_gyro_log())),
     "rsflow.synthetic.GyroLog.between": lambda _: (_gyro_log().between, {"times_s": [0.0, 0.01]}),
+    "rsflow.synthetic.GyroLog.save": lambda folder: (_gyro_log().save, {"path": folder / "gyro.csv"}),
     "rsflow.synthetic.LayersPair": lambda _: (synthetic.LayersPair, _fields(_layers())),
     "rsflow.synthetic.MotionsPair": lambda _: (synthetic.MotionsPair, _fields(_motions())),
     "rsflow.synthetic.MotionsPair.clear": lambda _: (_motions().clear, {"points": [(8, 8)], "radius": 2}),
@@ -603,6 +604,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.synthetic.RangeFinder.log": lambda _: (synthetic.RangeFinder(rate_hz=20.0).log, {"flight": flight()}),
     "rsflow.synthetic.RangeLog": lambda _: (synthetic.RangeLog, _fields(_range_log())),
     "rsflow.synthetic.RangeLog.at": lambda _: (_range_log().at, {"times_s": [0.0, 0.01]}),
+    "rsflow.synthetic.RangeLog.save": lambda folder: (_range_log().save, {"path": folder / "ranges.csv"}),
     "rsflow.synthetic.Sensor": lambda _: (Sensor, {}),
     "rsflow.synthetic.Sensor.blur": lambda _: (Sensor(blur_px=0.7).blur, {"image": frame().astype(float)}),
     "rsflow.synthetic.Sensor.expose": lambda _: (

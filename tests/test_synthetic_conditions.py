@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -160,6 +161,25 @@ def test_range_readings_come_when_they_are_new() -> None:
     assert (np.diff(held) <= 0).all()
     known = np.isfinite(new)
     np.testing.assert_array_equal(new[known], held[known])
+
+
+def test_saved_logs_are_what_the_command_line_reads(tmp_path: Path) -> None:
+    f = long_flight(rate_rad_s=swaying, velocity_m_s=(0.0, 0.0, 0.05))
+    gyro = Gyro(rate_hz=200.0, noise_rad_s=0.01).log(f)
+    heights = RangeFinder(rate_hz=20.0, along="down", holes_s=[(0.5, 0.8)]).log(f)
+    gyro.save(tmp_path / "gyro.csv")
+    heights.save(tmp_path / "heights.csv")
+    table = np.loadtxt(tmp_path / "gyro.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(table, np.column_stack([gyro.t_s, gyro.rate_rad_s]))
+    rates = rsflow.velocity.Rates.read(tmp_path / "gyro.csv")
+    means = [rates.mean(float(f.t_s[k - 1]), float(f.t_s[k])) for k in (1, 50, 120)]
+    np.testing.assert_allclose(means, gyro.between(f.t_s)[[1, 50, 120]], atol=0.01)
+    known = rsflow.velocity.Heights.read(tmp_path / "heights.csv")
+    assert known.at(frame=20, t_s=float(f.t_s[20])) == pytest.approx(f.height_m[20], abs=0.005)
+    assert math.isnan(known.at(frame=39, t_s=float(f.t_s[39])))
+    seen = np.isfinite(heights.range_m)
+    written = np.loadtxt(tmp_path / "heights.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(written, np.column_stack([heights.t_s[seen], heights.range_m[seen]]))
 
 
 def test_clock_tells_times_with_its_faults() -> None:

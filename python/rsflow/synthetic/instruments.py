@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
@@ -11,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _checks
 from .._display import fields
 from ..errors import OptionError
+from ..io.atomic import writing
 from .flights import Flight
 
 __all__ = ["Clock", "Gyro", "GyroLog", "RangeFinder", "RangeLog"]
@@ -75,6 +78,22 @@ class GyroLog:
         with np.errstate(invalid="ignore", divide="ignore"):
             mean = np.diff(at, axis=0) / np.diff(times)[:, None]
         return np.vstack([np.full((1, 3), np.nan), mean])
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it as a CSV file that ``rsflow velocity --rates`` reads.
+
+        Parameters
+        ----------
+        path : path
+
+        Examples
+        --------
+        >>> GyroLog(np.array([0.0, 0.01]), np.zeros((2, 3))).save("gyro.csv")
+        >>> from pathlib import Path
+        >>> Path("gyro.csv").read_text().split()[0]
+        't_s,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s'
+        """
+        _write(path, ("t_s", "rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"), self.t_s, self.rate_rad_s)
 
 
 @dataclass(frozen=True)
@@ -157,6 +176,8 @@ class RangeLog:
         Time stamp of each reading.
     range_m : (M,) float64
         NaN where it saw nothing.
+    along : {"axis", "down"}
+        Whether it is measured along the optical axis, or straight down: a height.
 
     Examples
     --------
@@ -169,6 +190,7 @@ class RangeLog:
 
     t_s: F64
     range_m: F64
+    along: Along = "axis"
 
     __repr__ = fields
 
@@ -192,6 +214,25 @@ class RangeLog:
         values = np.where(newest >= 0, self.range_m[np.clip(newest, 0, None)], np.nan)
         old = np.concatenate([[False], newest[1:] == newest[:-1]])
         return values if hold else np.where(old, np.nan, values)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it as a CSV file that ``rsflow velocity`` reads, as ``--range-csv`` or ``--height-csv``.
+
+        Readings that saw nothing are left out, as a logger does that has nothing to write.
+
+        Parameters
+        ----------
+        path : path
+
+        Examples
+        --------
+        >>> RangeLog(np.array([0.0, 0.05]), np.array([0.6, np.nan]), along="down").save("heights.csv")
+        >>> from pathlib import Path
+        >>> Path("heights.csv").read_text().split()
+        ['t_s,height_m', '0.0,0.6']
+        """
+        seen = np.isfinite(self.range_m)
+        _write(path, ("t_s", "range_m" if self.along == "axis" else "height_m"), self.t_s[seen], self.range_m[seen])
 
 
 @dataclass(frozen=True)
@@ -265,7 +306,7 @@ class RangeFinder:
         shown = distance + self.bias_m + spread * rng.standard_normal(len(t))
         for start, stop in self.holes_s:
             shown[(t >= start) & (t < stop)] = np.nan
-        return RangeLog(t, np.where(shown > 0, shown, np.nan))
+        return RangeLog(t, np.where(shown > 0, shown, np.nan), self.along)
 
 
 @dataclass(frozen=True)
@@ -323,6 +364,13 @@ def _clock(flight: Flight, rate_hz: float, rng: np.random.Generator) -> F64:
     if count > 10_000_000:
         raise OptionError(f"rate_hz: got {rate_hz:g} for {stop - start:g} s, expected at most 10000000 readings")
     return np.asarray(start + (rng.uniform() + np.arange(int(count))) / rate_hz, dtype=np.float64)
+
+
+def _write(path: str | os.PathLike[str], names: Sequence[str], *columns: F64) -> None:
+    rows = np.column_stack(columns).tolist()
+    lines = [",".join(names), *(",".join(map(repr, row)) for row in rows)]
+    with writing(_checks.path("path", path)) as partial:
+        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _times(times_s: ArrayLike) -> F64:
