@@ -122,6 +122,22 @@ def test_velocity_takes_logs(
     assert np.array([float(row["cov_xx_m2"]) for row in path]) == pytest.approx(std**2, rel=1e-6)
 
 
+def test_pictures_with_times_of_their_own_share_the_clock_of_the_logs(
+    flown: tuple[Path, Flight], tmp_path: Path
+) -> None:
+    folder, f = flown
+    written(tmp_path / "times.csv", "t_us", 1e6 * (f.t_s + START_S))
+    more = [text for text in PX4 if text not in ("--log-start", str(START_S))]
+    command = [text for text in arguments(folder, "velocity", tmp_path / "out", *more) if text != str(RATE)]
+    command[command.index("--rate")] = "--times"
+    command.insert(command.index("--times") + 1, str(tmp_path / "times.csv"))
+    assert cli.main(command) == 0
+    expect_true(velocities(tmp_path / "out/velocity.csv"), f, mounting("x-right"))
+    command[0], command[command.index(str(tmp_path / "out"))] = "extract", str(tmp_path / "all")
+    assert cli.main([*command, "--no-videos"]) == 0
+    assert (tmp_path / "all/velocity.csv").read_bytes() == (tmp_path / "out/velocity.csv").read_bytes()
+
+
 @pytest.mark.parametrize("logs", [True, False], ids=["a gyro", "no gyro"])
 def test_the_path_of_a_flight_that_turns(tmp_path: Path, logs: bool) -> None:
     """Three quarters of a circle: the heading is the gyro's integral, or what the picture shows of it."""

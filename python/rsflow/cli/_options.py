@@ -22,6 +22,7 @@ __all__ = [
     "add_range",
     "add_rate",
     "add_roi",
+    "add_times",
     "identity_of",
     "mask_of",
     "source_of",
@@ -95,6 +96,13 @@ def add_rate(parser: Arguments) -> None:
     """Add --rate."""
     parser.add_argument(
         "--rate", "--frame-rate", type=float, metavar="HZ", help="frames per second, for pictures or slow motion"
+    )
+
+
+def add_times(parser: Arguments) -> None:
+    """Add --times, of each frame."""
+    parser.add_argument(
+        "--times", metavar="FILE", help="CSV with the time of each frame in t_s, t_ms, t_us or t_ns, for pictures"
     )
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["FILES", "add_ground", "height_of", "sensors_of"]
 
 # Options that are files: their content counts, and nothing is written over them.
-FILES = ("camera", "height_csv", "range_csv", "rates", "attitude", "mask")
+FILES = ("camera", "height_csv", "range_csv", "rates", "attitude", "mask", "times")
 
 
 def add_ground(parser: Arguments, *, required: bool = False) -> None:

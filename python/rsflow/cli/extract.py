@@ -16,6 +16,7 @@ from rsflow.cli._options import (
     add_range,
     add_rate,
     add_roi,
+    add_times,
     source_of,
 )
 from rsflow.cli._sensors import add_ground, height_of, sensors_of
@@ -83,6 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", metavar="SOURCE", help="video, folder or glob of pictures, camera number, URL")
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder for the results; made if missing")
     add_options(parser)
+    add_times(parser)
     parser.add_argument("--json", action="store_true", help="print summary.json on standard output")
     parser.add_argument("-q", "--quiet", action="store_true", help="no progress bar, no closing lines")
 
@@ -131,6 +133,7 @@ def run(args: argparse.Namespace) -> int:
             source_of(args.source),
             args.output,
             **options(args),
+            times=args.times,
             progress=False if args.quiet else sys.stderr.isatty(),
         )
     except (ExtractionInterrupted, PartialExtractionError) as stop:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rsflow.cli._export import add_exports, exports
-from rsflow.cli._options import add_mask, add_overwrite, add_range, add_rate, identity_of, mask_of, source_of
+from rsflow.cli._options import add_mask, add_overwrite, add_range, add_rate, add_times, identity_of, mask_of, source_of
 from rsflow.cli._sensors import FILES, add_ground, height_of, sensors_of
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ examples:
   rsflow velocity flight.mp4 --camera cam.yaml --range-csv ranges.csv --height-std 0.02 --rates gyro.csv -o out
   rsflow velocity flight.mp4 --camera cam.yaml --range-csv log_distance_sensor_0.csv --log-start 312.4 \\
       --rates log_sensor_combined_0.csv --attitude log_vehicle_attitude_0.csv --mount x-right
+  rsflow velocity 'pictures/*.png' --times times.csv --camera cam.yaml --height-csv heights.csv --rates gyro.csv
   rsflow velocity 'pictures/*.png' --rate 30 --camera cam.yaml --height 0.2 --json
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --json-lines | while read line; do ...
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --mavlink px4:flow.tlog --ros2-bag bag    for autopilots
@@ -67,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", default=".", metavar="OUT", help="folder for the files (default: this one)")
     add_mask(parser)
     add_rate(parser)
+    add_times(parser)
     add_range(parser)
     add_overwrite(parser)
     add_exports(parser)
@@ -105,7 +107,9 @@ def run(args: argparse.Namespace) -> int:
     broken: rsflow.RsflowError | None = None
     source = source_of(args.source)
     with (
-        rsflow.frames(source, frame_rate=args.rate, start=args.start, stop=args.stop, stride=args.stride) as sequence,
+        rsflow.frames(
+            source, frame_rate=args.rate, times=args.times, start=args.start, stop=args.stop, stride=args.stride
+        ) as sequence,
         _folder(args, source, sequence) as result,
         exports(args, inputs=(source, *(getattr(args, name) for name in FILES)), overwrite=args.overwrite) as sent,
     ):

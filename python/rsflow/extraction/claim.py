@@ -16,7 +16,7 @@ from .workspace import identities
 __all__ = ["Claim", "input_files", "written_names"]
 
 # Options that are files: what is in them counts, and nothing is written over them.
-_FILES = ("camera", "height_m", "mask", "rates", "attitude")
+_FILES = ("camera", "height_m", "mask", "rates", "attitude", "times")
 
 
 def written_names(settings: ExtractSettings) -> Iterator[str]:

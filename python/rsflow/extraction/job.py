@@ -49,6 +49,7 @@ def extract(
     roi: tuple[int, int, int, int] | None = None,
     mask: NDArray[np.bool_] | str | os.PathLike[str] | None = None,
     frame_rate: float | None = None,
+    times: str | os.PathLike[str] | None = None,
     preset: Preset = "fast",
     illumination: Illumination = "gain_offset",
     max_displacement: float | None = None,
@@ -92,6 +93,8 @@ def extract(
         out of every figure, arrow and thing that moves; the shares in the tables are of the pixels that count.
     frame_rate : float, optional
         Frames per second, for pictures, which have no times, and for slow-motion clips.
+    times : path, optional
+        In its place a CSV with the time of each frame of the source, in ``t_s``, ``t_ms``, ``t_us`` or ``t_ns``.
     preset : {"ultrafast", "fast", "balanced", "accurate"}
         Of the dense flow. Displacement and velocity do not depend on it; of what moves, "fast" gives as good outlines
         as the others.
@@ -161,6 +164,7 @@ def extract(
         roi=roi,
         mask=mask,
         frame_rate=frame_rate,
+        times=times,
         preset=preset,
         illumination=illumination,
         max_displacement=max_displacement,
@@ -174,7 +178,8 @@ def extract(
         _checks.function("on_frame", on_frame, 1)
     from ..capture.opening import frames
 
-    options: dict[str, Any] = {"color": True, "roi": roi, "stop": stop, "stride": stride, "frame_rate": frame_rate}
+    options: dict[str, Any] = {"color": True, "roi": roi, "stop": stop, "stride": stride}
+    options |= {"frame_rate": frame_rate, "times": times}
     with frames(source, start=start, **options) as stream:
         expect_range(stream)
         claim = Claim(out, source, settings, overwrite=overwrite)

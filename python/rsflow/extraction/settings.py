@@ -48,6 +48,7 @@ class ExtractSettings:
     roi: tuple[int, int, int, int] | None = None
     mask: NDArray[np.bool_] | str | os.PathLike[str] | None = None
     frame_rate: float | None = None
+    times: str | os.PathLike[str] | None = None
     preset: Preset = "fast"
     illumination: Illumination = "gain_offset"
     max_displacement: float | None = None
@@ -75,6 +76,8 @@ class ExtractSettings:
         else:
             _checks.mask_or_none("mask", self.mask)
         _checks.number_or_none("frame_rate", self.frame_rate, above=0, of="frames per second")
+        if self.times is not None:
+            _checks.path("times", self.times)
         if self.camera is not None and not isinstance(self.camera, Camera):
             _checks.path("camera", self.camera, "an rsflow.Camera or a path")
         if isinstance(self.height_m, (str, os.PathLike)):
