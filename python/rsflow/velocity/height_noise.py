@@ -3,6 +3,8 @@
 Three parts. The noise of each row by itself: it averages between two rows, and is what the fifth differences of the
 series show, at most what was stated. What all rows have in common, the rest of what was stated: it stays. And what a
 straight line cuts off of a series that is bent, from the second differences around the place, less their noise.
+
+docs/algorithms.md, section "Logs of sensors: heights, rates and attitudes at a frame".
 """
 
 from __future__ import annotations
