@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from .. import _checks
 from .._display import options
 from .._shared import Shared, alone, anew
 from ..errors import OptionError
+from . import filter_inputs as inputs
 from . import kalman
 from .filter_common import CommonCauses
 from .filter_result import FilteredVelocity, FilterStatus
@@ -29,6 +31,12 @@ __all__ = ["VelocityFilter"]
 F64 = NDArray[np.float64]
 
 _MOST = 1e6
+# By how much the logarithm of the power of the jerk rises for each unit of squared innovation above what is usual (1 is
+# expected), with the most that counts of one velocity; and the most that it rises in all.
+_LEARN = 0.15
+_USUAL = 1.3
+_MOST_OF_ONE = 8.0
+_MOST_EXCESS = 9.0
 # The fewest velocities in a row outside of the gate that let it be given up.
 _LEAST_REJECTED = 3
 
@@ -51,7 +59,8 @@ class VelocityFilter(Shared):
     ----------
     acceleration_walk_m_s2 : float
         Standard deviation of the change of acceleration within a second, the square root of the power of the jerk: the
-        smaller, the smoother. A multicopter that is flown hard has 10, one that hovers 1, a model on a table 0.1.
+        smaller, the smoother. A multicopter that is flown hard has 10, one that hovers 1, a model on a table 0.1. Where
+        velocities show more, more is taken (`FilteredVelocity.acceleration_walk_m_s2`), if `adaptive`.
     acceleration_std_m_s2 : float
         Standard deviation of the acceleration at the start.
     common : sequence of str
@@ -68,6 +77,8 @@ class VelocityFilter(Shared):
         The same of its delay.
     yaw_rate_std_rad_s : float
         Standard deviation of a frame's yaw rate, where it does not come with a covariance.
+    adaptive : bool
+        Let innovations that are larger than expected raise `acceleration_walk_m_s2`, until they are not.
     gate : float
         Largest Mahalanobis distance of a velocity from what is expected; 5 is passed by 15 of a million good ones.
     max_rejected_s : float
@@ -95,12 +106,14 @@ class VelocityFilter(Shared):
     _state_types: ClassVar = {
         "_options": (dict,),
         "_common": (CommonCauses,),
+        "_adaptive": (bool,),
         "_belief": (Belief, type(None)),
         "_turning": (Turning,),
         "_rate": (np.ndarray, type(None)),
         "_down": (np.ndarray,),
         "_taken_s": (numbers.Real,),
         "_rejected": (int,),
+        "_excess": (numbers.Real,),
     }
 
     def __init__(
@@ -114,6 +127,7 @@ class VelocityFilter(Shared):
         gyro_bias_std_rad_s: float = 0.0,
         rate_delay_std_s: float = 0.0,
         yaw_rate_std_rad_s: float = 0.02,
+        adaptive: bool = True,
         gate: float = 5.0,
         max_rejected_s: float = 0.5,
     ) -> None:
@@ -136,8 +150,9 @@ class VelocityFilter(Shared):
             "max_rejected_s": _checks.number("max_rejected_s", max_rejected_s, least=0, most=_MOST, of="seconds"),
         }
         self._options: dict[str, float] = given
-        memory_s = dict.fromkeys(_names("common", common), math.inf)
-        for name in _names("wandering", wandering):
+        self._adaptive = _checks.flag("adaptive", adaptive)
+        memory_s = dict.fromkeys(inputs.names_of("common", common), math.inf)
+        for name in inputs.names_of("wandering", wandering):
             if name in memory_s:
                 raise OptionError(f"wandering: got {name!r}, which common names too, expected other parts")
             memory_s[name] = given["wander_s"]
@@ -161,6 +176,8 @@ class VelocityFilter(Shared):
         # When a velocity was last taken in, and how many were not since.
         self._taken_s = math.nan
         self._rejected = 0
+        # Logarithm of what the power of the jerk is taken to be, to what was given.
+        self._excess = 0.0
 
     @alone
     def update(
@@ -206,10 +223,11 @@ class VelocityFilter(Shared):
             If an argument is of another shape or type.
         """
         _checks.instance("velocity", velocity, Velocity, "a Velocity")
-        rate = _rate(velocity, rate_rad_s)
-        residual = self._residual(residual_rate_rad_s, residual_rate_covariance)
-        height = self._height(velocity, height_m)
-        straight = self._down if (told := _straight(down)) is None else told
+        estimates = self._options["gyro_bias_std_rad_s"] > 0 or self._options["rate_delay_std_s"] > 0
+        rate = inputs.rate_of(velocity, rate_rad_s)
+        residual = inputs.residual_of(residual_rate_rad_s, residual_rate_covariance, estimates)
+        height = inputs.height_of(velocity, height_m, estimates)
+        straight = self._down if (told := inputs.straight_of(down)) is None else told
         dt, end = velocity.dt_s, velocity.t_s
         if not (math.isfinite(dt) and dt > 0):
             # A first frame, or one that is not later: nothing went on.
@@ -244,6 +262,7 @@ class VelocityFilter(Shared):
         design, expected = belief.design(sight)
         measurement = (z - expected)[seen], design[seen], noise[np.ix_(seen, seen)]
         innovation = kalman.distance(belief.covariance, *measurement)
+        belief = self._learned(belief, innovation**2 / int(seen.sum()))
         if innovation <= self._options["gate"]:
             self._belief = belief.updated(*measurement)
             return self._taken(velocity, FilterStatus.OK, innovation)
@@ -256,6 +275,14 @@ class VelocityFilter(Shared):
         anew = belief.seeded(z, noise, sight, seen, std)
         self._belief = anew.astray((anew.mean - belief.mean)[VELOCITY] * closed)
         return self._taken(velocity, FilterStatus.RESTARTED, innovation)
+
+    def _learned(self, belief: Belief, square: float) -> Belief:
+        """Let accelerations change more than was given where innovations are larger than they would be."""
+        if not self._adaptive:
+            return belief
+        rise = _LEARN * (min(square, _MOST_OF_ONE) - _USUAL)
+        self._excess = min(max(self._excess + rise, 0.0), _MOST_EXCESS)
+        return replace(belief, walk=self._options["acceleration_walk_m_s2"] ** 2 * math.exp(self._excess))
 
     def _taken(self, velocity: Velocity, status: FilterStatus, innovation: float) -> FilteredVelocity:
         self._taken_s, self._rejected = velocity.t_s, 0
@@ -292,33 +319,6 @@ class VelocityFilter(Shared):
         if seen.any() and kalman.distance(belief.covariance, *measurement) <= self._options["gate"]:
             self._belief = belief.updated(*measurement)
 
-    def _residual(self, rate: ArrayLike | None, covariance: ArrayLike | None) -> tuple[F64, F64] | None:
-        if (rate is None) != (covariance is None):
-            raise OptionError("residual_rate_rad_s, residual_rate_covariance: got one of them, expected both or none")
-        if rate is None or covariance is None:
-            return None
-        if not (self._options["gyro_bias_std_rad_s"] > 0 or self._options["rate_delay_std_s"] > 0):
-            raise OptionError(
-                "residual_rate_rad_s: got one, expected a filter with gyro_bias_std_rad_s or rate_delay_std_s above 0"
-            )
-        measured = _vector("residual_rate_rad_s", rate, "three numbers, NaN where not measured")
-        expected = "a covariance, (3, 3)"
-        noise = _checks.array("residual_rate_covariance", covariance, (3, 3), expected).astype(np.float64)
-        known = np.isfinite(measured) & np.isfinite(np.diag(noise))
-        part = noise[np.ix_(known, known)]
-        if not (np.isfinite(part).all() and np.allclose(part, part.T) and (np.linalg.eigvalsh(part) > 0).all()):
-            raise OptionError(f"residual_rate_covariance: got {noise.tolist()}, expected {expected}, positive definite")
-        return measured, noise
-
-    def _height(self, velocity: Velocity, height_m: float | None) -> float:
-        if height_m is not None:
-            return _checks.number("height_m", height_m, least=0, most=_MOST, of="metres", or_nan=True)
-        own = float(getattr(velocity, "height_m", math.nan))
-        estimates = self._options["gyro_bias_std_rad_s"] > 0 or self._options["rate_delay_std_s"] > 0
-        if velocity.valid and estimates and not math.isfinite(own):
-            raise OptionError("height_m: got None, expected the height: a gyro's errors move the velocity by it")
-        return own
-
     def _result(self, velocity: Velocity, status: FilterStatus, innovation: float = math.nan) -> FilteredVelocity:
         if self._belief is None:
             unknown = Belief.begin(velocity.t_s, self._common.memory_s, self._options)
@@ -348,40 +348,6 @@ class VelocityFilter(Shared):
             delay_std_s=math.sqrt(variances[DELAY]),
             status=status,
             innovation=innovation,
+            acceleration_walk_m_s2=self._options["acceleration_walk_m_s2"] * math.exp(self._excess / 2),
             measurement=velocity,
         )
-
-
-def _names(argument: str, given: Sequence[str]) -> tuple[str, ...]:
-    expected = "a list of names of parts, as ('height', 'focal length')"
-    if isinstance(given, str):
-        raise _checks.refused(argument, given, expected)
-    names = tuple(_checks.text(argument, name) for name in _checks.iterable(argument, given, expected))
-    if "displacement" in names:
-        raise OptionError(f"{argument}: got 'displacement', whose error is another in every frame, expected others")
-    return names
-
-
-def _vector(name: str, value: ArrayLike, expected: str) -> F64:
-    return np.asarray(_checks.array(name, value, (3,), expected), dtype=np.float64)
-
-
-def _straight(down: ArrayLike | None) -> F64 | None:
-    """Give a unit vector; None where it is not known."""
-    if down is None:
-        return np.array([0.0, 0.0, 1.0])
-    vector = _vector("down", down, "three numbers, NaN where not known")
-    if not np.isfinite(vector).all():
-        return None
-    length = float(np.linalg.norm(vector))
-    if length == 0.0:
-        raise OptionError("down: got (0, 0, 0), expected a direction")
-    return np.asarray(vector / length, dtype=np.float64)
-
-
-def _rate(velocity: Velocity, rate_rad_s: ArrayLike | None) -> F64 | None:
-    if rate_rad_s is not None:
-        rate = _vector("rate_rad_s", rate_rad_s, "three numbers")
-        return rate if np.isfinite(rate).all() else None
-    own = getattr(velocity, "rate_rad_s", None)
-    return None if own is None or not np.isfinite(own).all() else np.asarray(own, dtype=np.float64)

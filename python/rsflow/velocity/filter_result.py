@@ -65,6 +65,8 @@ class FilteredVelocity:
     status : FilterStatus
     innovation : float
         Mahalanobis distance of this frame's velocity from what was expected; NaN without one.
+    acceleration_walk_m_s2 : float
+        What accelerations are taken to change by within a second: as given, or more where the velocities show it.
     measurement : Velocity
         This frame's velocity, as it was given.
 
@@ -100,6 +102,7 @@ class FilteredVelocity:
     delay_std_s: float
     status: FilterStatus
     innovation: float
+    acceleration_walk_m_s2: float
     measurement: Velocity
 
     def __repr__(self) -> str:
@@ -157,5 +160,6 @@ class FilteredVelocity:
             row[f"gyro_bias_{axis}_rad_s"] = float(self.gyro_bias_rad_s[k])
             row[f"gyro_bias_{axis}_std_rad_s"] = float(self.gyro_bias_std_rad_s[k])
         row |= {"delay_s": self.delay_s, "delay_std_s": self.delay_std_s, "innovation": self.innovation}
+        row["acceleration_walk_m_s2"] = self.acceleration_walk_m_s2
         without = "+".join(name.replace(" ", "_") for name in self.unstated)
         return row | {"status": self.status.word, "std_without": without}
