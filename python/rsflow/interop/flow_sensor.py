@@ -114,7 +114,7 @@ def flow_reading(
         Which side of the picture points forward, where velocities are in the axes of a camera that looks down; "x"
         where the estimator's `R_body_from_camera` already gives forward, right, down.
     height_m : float, optional
-        Height that the velocity was computed with; by default the velocity's own.
+        Height that the velocity was computed with; by default, and where it is NaN, the velocity's own.
     rate_rad_s : (3,) array_like, optional
         Rate of a gyro that was given to the estimator, in the axes of the velocity; None and NaN where it had none.
     down : (3,) array_like, optional
@@ -242,9 +242,10 @@ def _rate(velocity: Velocity, rate_rad_s: ArrayLike | None) -> tuple[F64, F64, b
 
 
 def _height(velocity: Velocity, height_m: float | None) -> float:
-    if height_m is not None:
-        return _checks.number("height_m", height_m, above=0, most=_MOST, of="metres", or_nan=True)
     own = float(getattr(velocity, "height_m", math.nan))
+    if height_m is not None:
+        given = _checks.number("height_m", height_m, above=0, most=_MOST, of="metres", or_nan=True)
+        return given if math.isfinite(given) else own
     if velocity.valid and not math.isfinite(own):
         raise OptionError("height_m: got None, expected the height that the velocity was computed with")
     return own
