@@ -48,13 +48,14 @@ def advance(
     `gyro` (4,) its derivative by gyro bias and delay where a gyro measured it. `memory_s` is how long the last states,
     which have unit variance, keep their value: infinite, or the time constant of a Gauss-Markov process of first order.
     """
-    step, first = np.eye(len(state)), len(state) - len(memory_s)
-    step[POSITION, VELOCITY] = step[VELOCITY, ACCELERATION] = dt_s * np.eye(3)
-    step[POSITION, ACCELERATION] = 0.5 * dt_s**2 * np.eye(3)
+    first = len(state) - len(memory_s)
+    kept = np.exp(-dt_s / memory_s)
+    step = np.diag(np.concatenate([np.ones(first), kept]))
+    axes = np.arange(3)
+    step[axes, axes + 3] = step[axes + 3, axes + 6] = dt_s
+    step[axes, axes + 6] = 0.5 * dt_s**2
     if gyro is not None:
         step[HEADING, 10:14] = gyro
-    kept = np.exp(-dt_s / memory_s)
-    step[first:, first:] = np.diag(kept)
     state = step @ state
     state[HEADING] += turn_rad
     covariance = step @ covariance @ step.T
@@ -66,7 +67,8 @@ def advance(
             [dt_s**3 / 6, dt_s**2 / 2, dt_s],
         ]
     )
-    covariance[:9, :9] += np.kron(noise, np.eye(3))
+    for axis in range(3):
+        covariance[axis:9:3, axis:9:3] += noise
     covariance[HEADING, HEADING] += turn_variance
     covariance[first:, first:] += np.diag(1.0 - kept**2)
     return state, covariance
