@@ -85,19 +85,19 @@ def flown(seed, *, height=0.02, focal=0.0, yaw=0.0, gaps=False, gyro=0.0, rockin
     truth = walk(rng, t, power=1.0, start=1.0, speed=1.0, yaw=yaw)
     scale, axes = 1.0 + height * rng.standard_normal(), 1.0 + focal * rng.standard_normal(3) * [1, 1, 0]
     bias, swing = gyro * rng.standard_normal(3), rocking * rng.standard_normal(3)
-    noise = np.diag([0.01, 0.02, 0.03]) ** 2
+    noise, turning = np.diag([0.01, 0.02, 0.03]) ** 2, 0.0 if gyro else 0.01
     kalman = VelocityFilter(
-        acceleration_walk_m_s2=1.0, acceleration_std_m_s2=1.0, yaw_rate_std_rad_s=0.01, wander_s=0.3, gate=8
+        acceleration_walk_m_s2=1.0, acceleration_std_m_s2=1.0, yaw_rate_std_rad_s=turning, wander_s=0.3, gate=8
     )
     for k in range(frames):
         true, left = truth.mean_body[k + 1], np.exp(-(t[k + 1] - t[k]) / 0.3)
         swing = left * swing + np.sqrt(1 - left**2) * rocking * rng.standard_normal(3)
         z = true * scale * axes + bias + swing + np.sqrt(np.diag(noise)) * rng.standard_normal(3)
         parts = {"height": np.outer(z, z) * height**2, "focal_length": np.diag(z * z * focal**2) * [1, 1, 0]}
-        parts |= {"gyro": np.eye(3) * gyro**2, "rotation": np.eye(3) * rocking**2}
+        parts |= {name: np.eye(3) * std**2 for name, std in (("gyro", gyro), ("rotation", rocking)) if std}
         lost = gaps and (k % 20) in (7, 8, 9, 10, 11)
         given = velocity(t[k + 1], t[k + 1] - t[k], None if lost else z, noise, **parts)
-        now = kalman.update(given, rate_rad_s=(0.0, 0.0, yaw + 0.01 * rng.standard_normal()))
+        now = kalman.update(given, rate_rad_s=(0.0, 0.0, yaw + turning * rng.standard_normal()))
         assert now.status in (FilterStatus.OK, FilterStatus.PREDICTED)
     v = np.array([now.vx_m_s, now.vy_m_s, now.vz_m_s]) - turned(truth.velocity[-1], -truth.heading[-1])
     return now.position_m - truth.position[-1], v, now

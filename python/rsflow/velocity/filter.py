@@ -69,7 +69,8 @@ class VelocityFilter(Shared):
     wandering : sequence of str
         Parts whose error stays for a while alone; what is in neither is another in every frame.
     wander_s : float
-        How long: the time constant of a Gauss-Markov process of first order.
+        How long: the time constant of a Gauss-Markov process of first order. So long lasts the error of a gyro's rate
+        in the heading too.
     gyro_bias_std_rad_s : float
         Standard deviation of each axis of a gyro's bias that the velocities were measured with and that is not in
         their covariance. With 0 there is none to estimate.
@@ -299,7 +300,9 @@ class VelocityFilter(Shared):
             own = np.asarray(getattr(velocity, "rate_covariance", np.full((3, 3), np.nan)), dtype=np.float64)
             variance = float(straight @ own @ straight) if np.isfinite(own).all() else std**2
             gyro = np.append(-straight, float(straight @ np.nan_to_num(change)))
-            self._turning = Turning(float(rate @ straight), variance, dt, gyro)
+            # A Gauss-Markov process of this time constant adds to an angle as errors that last twice as long.
+            lasts_s = 2 * self._options["wander_s"] if "gyro" in velocity.parts else 0.0
+            self._turning = Turning(float(rate @ straight), variance, dt, gyro, lasts_s)
         elif math.isfinite(velocity.yaw_rate_rad_s):
             self._turning = Turning(velocity.yaw_rate_rad_s, std**2, dt)
         else:

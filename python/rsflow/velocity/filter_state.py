@@ -31,20 +31,22 @@ _BIAS_WALK = 1e-4
 class Turning:
     """How the heading goes on: its rate with a variance, for means over `dt_s`; infinite where it is not known.
 
-    `gyro` (4,) is the derivative of the rate by gyro bias and delay, where a gyro measured it.
+    `gyro` (4,) is the derivative of the rate by gyro bias and delay, where a gyro measured it. Its error lasts for
+    `lasts_s`: what is left of a bias is not another in the next frame.
     """
 
     rate_rad_s: float = 0.0
     variance: float = math.inf
     dt_s: float = 0.0
     gyro: F64 | None = None
+    lasts_s: float = 0.0
 
     def over(self, dt_s: float) -> tuple[float, float, F64 | None]:
         """Give the turn over a time, its variance, and its derivative by gyro bias and delay."""
         if not math.isfinite(self.variance):
             return 0.0, _UNKNOWN_TURN**2 * dt_s, None
         # The error of a rate is that of its whole interval: a part of it has its share of the angle's variance.
-        variance = self.variance * dt_s * max(dt_s, self.dt_s)
+        variance = self.variance * dt_s * max(dt_s, self.dt_s, self.lasts_s)
         return self.rate_rad_s * dt_s, variance, None if self.gyro is None else self.gyro * dt_s
 
 
