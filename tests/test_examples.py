@@ -13,6 +13,7 @@ import rsflow
 
 FOLDER = Path(__file__).resolve().parent.parent / "examples"
 SAYS = {
+    "autopilot.py": (r"1\.000 s: flow [+-]0\.00\d, \+0\.(79|80)\d rad/s, quality 255", {"flow.tlog"}),
     "dense_flow.py": (r"9\d% of the pixels valid", {"arrows.png", "colors.png", "motion.flo"}),
     "displacement.py": (r"\+7\.2\d\d px to the right, -3\.[45]\d\d px down", set()),
     "ground_speed.py": (r"0\.233 s: \+0\.0(199|20\d) m/s to the right, -0\.0(099|10\d) m/s", set()),

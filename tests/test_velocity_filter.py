@@ -148,6 +148,22 @@ def test_what_is_the_same_in_every_frame_does_not_average_out(common, least):
         assert of_speed < 0.004
 
 
+def test_what_is_the_same_in_every_frame_widens_the_covariance_and_moves_nothing():
+    """Noise must not pass for knowledge of the height: the way is that of the measured velocities."""
+    rng = np.random.default_rng(8)
+    with_height, without = VelocityFilter(acceleration_walk_m_s2=0.1), VelocityFilter(acceleration_walk_m_s2=0.1)
+    noise, way = np.eye(3) * 1e-8, np.zeros(3)
+    for k in range(60):
+        z = np.array([0.0, -0.4, 0.0]) + 1e-4 * rng.standard_normal(3)
+        way += z / 30
+        a = with_height.update(velocity((k + 1) / 30, 1 / 30, z, noise, height=np.outer(z, z) * 0.02**2), **STILL)
+        b = without.update(velocity((k + 1) / 30, 1 / 30, z, noise), **STILL)
+    assert a.position_m == pytest.approx(way, abs=5e-5)
+    assert a.position_m == pytest.approx(b.position_m, abs=1e-12)
+    assert a.position_covariance[1, 1] ** 0.5 == pytest.approx(0.02 * 0.8, rel=0.01)
+    assert b.position_covariance[1, 1] ** 0.5 < 1e-4
+
+
 def test_out_and_back_a_wrong_height_cancels():
     kalman = VelocityFilter(acceleration_walk_m_s2=2.0, acceleration_std_m_s2=2.0)
     noise, most = np.eye(3) * 1e-8, 0.0

@@ -50,8 +50,8 @@ class VelocityFilter(Shared):
 
     What is the same in every frame does not average out: a height that is 1 % wrong makes the way 1 % wrong, however
     many frames there are. The parts of `Velocity.parts` named in `common` are carried along for that with their
-    variance and never estimated (Schmidt 1966): neither velocity nor position becomes surer than they allow. Those in
-    `wandering` are the same for a while, as a rocking that no gyro measured.
+    variance, as consider states (Schmidt 1966), and never estimated: neither velocity nor position becomes surer than
+    they allow. Those in `wandering` are the same for a while, as a rocking that no gyro measured.
 
     Threads that share one wait for each other. A copy, or a pickle read anywhere, goes on with the same bits.
 

@@ -76,10 +76,13 @@ class Sight:
 
 @dataclass(frozen=True)
 class Belief:
-    """State (N,), its covariance (N, N) and the time of both; `walk` is the power of the jerk, see `kalman.advance`."""
+    """State (N,) at a time, and its covariances (2, N, N) with what is common to all frames and without.
+
+    `walk` is the power of the jerk, `memory_s` how long the common causes last, see `kalman.advance`.
+    """
 
     mean: F64
-    covariance: F64
+    covariances: F64
     t_s: float
     walk: float
     memory_s: F64
@@ -91,8 +94,14 @@ class Belief:
         variances = np.zeros(size)
         variances[BIAS] = options["gyro_bias_std_rad_s"] ** 2
         variances[DELAY] = options["rate_delay_std_s"] ** 2
-        variances[STATES:] = 1.0
-        return cls(np.zeros(size), np.diag(variances), t_s, options["acceleration_walk_m_s2"] ** 2, memory_s)
+        covariances = np.stack([np.diag(variances)] * 2)
+        covariances[0, STATES:, STATES:] = np.eye(len(memory_s))
+        return cls(np.zeros(size), covariances, t_s, options["acceleration_walk_m_s2"] ** 2, memory_s)
+
+    @property
+    def covariance(self) -> F64:
+        """The covariance, with what is common to all frames."""
+        return np.asarray(self.covariances[0], dtype=np.float64)
 
     def at(self, t_s: float, turning: Turning) -> Belief:
         """Carry it on to a later time; an earlier one leaves it as it is."""
@@ -100,9 +109,9 @@ class Belief:
         if not dt > 0:
             return self
         turn, variance, gyro = turning.over(dt)
-        mean, covariance = kalman.advance(
+        mean, covariances = kalman.advance(
             self.mean,
-            self.covariance,
+            self.covariances,
             dt,
             walk=self.walk,
             turn_rad=turn,
@@ -110,9 +119,9 @@ class Belief:
             gyro=gyro,
             memory_s=self.memory_s,
         )
-        if covariance[BIAS, BIAS].any():
-            covariance[BIAS, BIAS] += np.eye(3) * _BIAS_WALK**2 * dt
-        return replace(self, mean=mean, covariance=covariance, t_s=t_s)
+        if covariances[0, BIAS, BIAS].any():
+            covariances[:, BIAS, BIAS] += np.eye(3) * _BIAS_WALK**2 * dt
+        return replace(self, mean=mean, covariances=covariances, t_s=t_s)
 
     def design(self, sight: Sight) -> tuple[F64, F64]:
         """Give the derivative of a measured velocity by the state, (3, N), and the velocity that is expected."""
@@ -135,13 +144,13 @@ class Belief:
 
     def updated(self, residual: F64, design: F64, noise: F64) -> Belief:
         """Take in a measurement; what is common to all frames stays as unsure as it is."""
-        mean, covariance = kalman.schmidt_update(self.mean, self.covariance, residual, design, noise, estimated=STATES)
-        return replace(self, mean=mean, covariance=covariance)
+        mean, covariances = kalman.consider_update(self.mean, self.covariances, residual, design, noise)
+        return replace(self, mean=mean, covariances=covariances)
 
     def seeded(self, z: F64, noise: F64, sight: Sight, seen: NDArray[np.bool_], acceleration_std: float) -> Belief:
         """Let velocity and acceleration be those of one measurement alone, the rest as it is."""
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        covariance[3:9, :] = covariance[:, 3:9] = 0.0
+        mean, covariances = self.mean.copy(), self.covariances.copy()
+        covariances[:, 3:9, :] = covariances[:, :, 3:9] = 0.0
         mean[3:9] = 0.0
         design, others = replace(self, mean=mean).design(sight)
         inverse = design[:, VELOCITY].T
@@ -152,23 +161,22 @@ class Belief:
         design[~seen] = 0.0
         link = -inverse @ design
         filled = np.where(np.outer(seen, seen), noise, 0.0) + np.diag(np.where(seen, 0.0, _UNKNOWN_SPEED**2))
-        shared = link @ covariance
-        own = link @ covariance @ link.T + inverse @ filled @ inverse.T
-        covariance[VELOCITY, :], covariance[:, VELOCITY] = shared, shared.T
-        covariance[VELOCITY, VELOCITY] = own
-        covariance[ACCELERATION, ACCELERATION] = np.eye(3) * acceleration_std**2
-        return replace(self, mean=mean, covariance=covariance)
+        shared = link @ covariances
+        own = link @ covariances @ link.T + inverse @ filled @ inverse.T
+        covariances[:, VELOCITY, :], covariances[:, :, VELOCITY] = shared, shared.transpose(0, 2, 1)
+        covariances[:, VELOCITY, VELOCITY] = own
+        covariances[:, ACCELERATION, ACCELERATION] = np.eye(3) * acceleration_std**2
+        return replace(self, mean=mean, covariances=covariances)
 
     def from_origin(self, time_s: float) -> Belief:
         """Let the position be the way since a time ago, at which it was zero."""
         back = np.eye(len(self.mean))
         back[POSITION, VELOCITY] = time_s * np.eye(3)
         back[POSITION, ACCELERATION] = -0.5 * time_s**2 * np.eye(3)
-        covariance = back @ self.covariance @ back.T
-        return replace(self, mean=back @ self.mean, covariance=covariance)
+        return replace(self, mean=back @ self.mean, covariances=back @ self.covariances @ back.T)
 
     def astray(self, way_m: F64) -> Belief:
         """Let the position be off by a way that may have been gone or not."""
-        covariance = self.covariance.copy()
-        covariance[POSITION, POSITION] += np.outer(way_m, way_m)
-        return replace(self, covariance=covariance)
+        covariances = self.covariances.copy()
+        covariances[:, POSITION, POSITION] += np.outer(way_m, way_m)
+        return replace(self, covariances=covariances)

@@ -17,11 +17,11 @@ __all__ = [
     "STATES",
     "VELOCITY",
     "advance",
+    "consider_update",
     "cross",
     "distance",
     "heading_matrix",
     "level_from_body",
-    "schmidt_update",
 ]
 
 F64 = NDArray[np.float64]
@@ -33,7 +33,7 @@ HEADING, BIAS, DELAY, STATES = 9, slice(10, 13), 13, 14
 
 def advance(
     state: F64,
-    covariance: F64,
+    covariances: F64,
     dt_s: float,
     *,
     walk: float,
@@ -42,7 +42,7 @@ def advance(
     gyro: F64 | None,
     memory_s: F64,
 ) -> tuple[F64, F64]:
-    """Carry state and covariance on by `dt_s`.
+    """Carry the state and both its covariances (2, N, N) on by `dt_s`: with what is common to all frames, and without.
 
     `walk` is the variance of the change of acceleration in a second; `turn_rad` the change of heading meanwhile, and
     `gyro` (4,) its derivative by gyro bias and delay where a gyro measured it. `memory_s` is how long the last states,
@@ -58,7 +58,7 @@ def advance(
         step[HEADING, 10:14] = gyro
     state = step @ state
     state[HEADING] += turn_rad
-    covariance = step @ covariance @ step.T
+    covariances = step @ covariances @ step.T
     # White jerk, integrated three times (Bar-Shalom, Li and Kirubarajan 2001, equation 6.2.3-8).
     noise = walk * np.array(
         [
@@ -68,25 +68,24 @@ def advance(
         ]
     )
     for axis in range(3):
-        covariance[axis:9:3, axis:9:3] += noise
-    covariance[HEADING, HEADING] += turn_variance
-    covariance[first:, first:] += np.diag(1.0 - kept**2)
-    return state, covariance
+        covariances[:, axis:9:3, axis:9:3] += noise
+    covariances[:, HEADING, HEADING] += turn_variance
+    covariances[0, first:, first:] += np.diag(1.0 - kept**2)
+    return state, covariances
 
 
-def schmidt_update(
-    state: F64, covariance: F64, residual: F64, design: F64, noise: F64, *, estimated: int
-) -> tuple[F64, F64]:
-    """Take in a measurement without estimating the states from `estimated` on: Schmidt's (1966) consider filter.
+def consider_update(state: F64, covariances: F64, residual: F64, design: F64, noise: F64) -> tuple[F64, F64]:
+    """Take in a measurement by the gain of the covariance without what is common to all frames, `covariances[1]`.
 
-    These keep their value and variance, so that no number of measurements makes the others surer than they allow.
+    The other one says what that is worth: what is common keeps its variance, and no number of measurements makes the
+    rest surer than it allows. It is not in the gain, as small errors of its effect would pass for knowledge of it.
     Joseph's form, which holds for any gain.
     """
-    gain = np.linalg.solve(design @ covariance @ design.T + noise, design @ covariance).T
-    gain[estimated:] = 0.0
+    own = covariances[1]
+    gain = np.linalg.solve(design @ own @ design.T + noise, design @ own).T
     keep = np.eye(len(state)) - gain @ design
-    updated = keep @ covariance @ keep.T + gain @ noise @ gain.T
-    return state + gain @ residual, 0.5 * (updated + updated.T)
+    updated = keep @ covariances @ keep.T + gain @ noise @ gain.T
+    return state + gain @ residual, 0.5 * (updated + updated.transpose(0, 2, 1))
 
 
 def distance(covariance: F64, residual: F64, design: F64, noise: F64) -> float:
