@@ -119,6 +119,16 @@ def a_velocity() -> rsflow.Velocity:
 
 
 @functools.cache
+def a_contact() -> rsflow.Contact:
+    return rsflow.time_to_contact(flight().images[0], flight().images[1], 0.1)
+
+
+@functools.cache
+def a_scale_check() -> rsflow.ScaleCheck:
+    return rsflow.check_scale(flight(), CAMERA, **RATE_LOG)
+
+
+@functools.cache
 def filtered() -> rsflow.FilteredVelocity:
     return rsflow.VelocityFilter().update(a_velocity())
 
@@ -223,6 +233,7 @@ class Inline(concurrent.futures.Executor):
 
 
 Call = tuple[Callable[..., Any], dict[str, Any]]
+RATE_LOG: dict[str, Any] = {"t_s": np.arange(10) * 0.1, "rate_rad_s": np.zeros((10, 3))}
 PAIR = {"prev": frame(0), "next": frame(1)}
 LIT = {"illumination": "none"}
 JOB: dict[str, Any] = {"overwrite": True, "stride": 1, "videos": False, "progress": False, "frame_rate": 30}
@@ -251,6 +262,9 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.Calibration.to_table": lambda _: (a_calibration().to_table, {}),
     "rsflow.CalibrationError": lambda _: (rsflow.CalibrationError, {}),
     "rsflow.CaptureError": lambda _: (rsflow.CaptureError, {}),
+    "rsflow.Contact": lambda _: (rsflow.Contact, _fields(a_contact())),
+    "rsflow.Contact.to_dict": lambda _: (a_contact().to_dict, {}),
+    "rsflow.ContactStatus": lambda _: (rsflow.ContactStatus, {"value": 0}),
     "rsflow.DTypeError": lambda _: (rsflow.DTypeError, {}),
     "rsflow.DenseFlow": lambda _: (rsflow.DenseFlow, {}),
     "rsflow.DenseFlow.reset": lambda _: (rsflow.DenseFlow().reset, {}),
@@ -274,6 +288,11 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.FlowField.to_table": lambda _: (field().to_table, {"step": 4}),
     "rsflow.FlowField.to_xarray": lambda _: (field().to_xarray, {}),
     "rsflow.FlowField.warp": lambda _: (field().warp, {"frame": frame(1)}),
+    "rsflow.HeightFromSpeed": lambda _: (
+        rsflow.HeightFromSpeed,
+        _fields(rsflow.height_from_speed(a_velocity(), 0.1, speed_std_m_s=0.01)),
+    ),
+    "rsflow.HeightStatus": lambda _: (rsflow.HeightStatus, {"value": "ok"}),
     "rsflow.InternalError": lambda _: (rsflow.InternalError, {}),
     "rsflow.OutOfMemoryError": lambda _: (rsflow.OutOfMemoryError, {}),
     "rsflow.FormatError": lambda _: (rsflow.FormatError, {}),
@@ -324,6 +343,23 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.Tracks": lambda _: (rsflow.Tracks, _fields(tracks())),
     "rsflow.Tracks.draw": lambda _: (tracks().draw, {"frame": frame(1)}),
     "rsflow.Tracks.to_table": lambda _: (tracks().to_table, {}),
+    "rsflow.ScaleCheck": lambda _: (rsflow.ScaleCheck, _fields(a_scale_check())),
+    "rsflow.ScaleCheck.report": lambda _: (a_scale_check().report, {}),
+    "rsflow.ScaleCheck.to_dict": lambda _: (a_scale_check().to_dict, {}),
+    "rsflow.ScaleStatus": lambda _: (rsflow.ScaleStatus, {"value": "checked"}),
+    "rsflow.TimeToContact": lambda _: (rsflow.TimeToContact, {"camera": CAMERA}),
+    "rsflow.TimeToContact.reset": lambda _: (rsflow.TimeToContact().reset, {}),
+    "rsflow.TimeToContact.update": lambda _: (
+        rsflow.TimeToContact().update,
+        {"image": frame(0), "t_s": 0.0, "rate_rad_s": (0.0, 0.0, 0.0)},
+    ),
+    "rsflow.check_scale": lambda _: (rsflow.check_scale, {"source": flight(), "camera": CAMERA, **RATE_LOG}),
+    "rsflow.height_from_speed": lambda _: (
+        rsflow.height_from_speed,
+        {"velocity": a_velocity(), "speed_m_s": 0.1, "speed_std_m_s": 0.01},
+    ),
+    "rsflow.scale.Estimate": lambda _: (rsflow.scale.Estimate, {"value": 1.0, "std": 0.1, "low": 0.8, "high": 1.2}),
+    "rsflow.time_to_contact": lambda _: (rsflow.time_to_contact, {**PAIR, "dt_s": 0.1}),
     "rsflow.Velocity": lambda _: (rsflow.Velocity, _fields(a_velocity())),
     "rsflow.Velocity.budget": lambda _: (a_velocity().budget, {}),
     "rsflow.Velocity.to_dict": lambda _: (a_velocity().to_dict, {}),

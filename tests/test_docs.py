@@ -59,6 +59,7 @@ PUBLIC = [
     "rsflow.objects",
     "rsflow.plotting",
     "rsflow.reproduce",
+    "rsflow.scale",
     "rsflow.segmentation",
     "rsflow.shift",
     "rsflow.synthetic",

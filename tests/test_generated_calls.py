@@ -28,6 +28,7 @@ BUILT_IN = (FileNotFoundError, FileExistsError, IsADirectoryError, NotADirectory
 ALIASES = {
     "rsflow.calibration.Board.size": ("board",),
     "rsflow.calibrate.images": ("images", ", frame "),
+    "rsflow.check_scale.source": ("source", ", frame "),
     "rsflow.extract.source": ("source", ", frame "),
     "rsflow.live.readings.source": ("source", ", frame "),
 }

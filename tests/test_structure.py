@@ -28,7 +28,7 @@ FLOORS = (
     ("shift", "tracking", "flow", "calibration", "synthetic"),
     ("segmentation", "velocity"),
     ("interop",),
-    ("extraction", "bench", "reproduce"),
+    ("extraction", "bench", "reproduce", "scale"),
     ("batch", "live"),
     DOORS,
     ("",),
