@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from argparse import _ActionsContainer as Arguments
+    from argparse import _MutuallyExclusiveGroup
 
     from rsflow.velocity import Sensors
 
@@ -16,8 +17,11 @@ __all__ = ["FILES", "add_ground", "height_of", "sensors_of"]
 FILES = ("camera", "height_csv", "range_csv", "rates", "attitude", "mask", "times")
 
 
-def add_ground(parser: Arguments, *, required: bool = False) -> None:
-    """Add what a velocity over the ground needs; `required` where the command gives nothing else."""
+def add_ground(parser: Arguments, *, required: bool = False) -> _MutuallyExclusiveGroup:
+    """Add what a velocity over the ground needs; `required` where the command gives nothing else.
+
+    Gives the options of the height, of which one is then required.
+    """
     number: dict[str, Any] = {"type": float, "metavar": "S"}
     parser.add_argument(
         "--camera", metavar="FILE", required=required, help="calibrated camera: ROS, OpenCV, kalibr YAML or JSON"
@@ -63,6 +67,7 @@ def add_ground(parser: Arguments, *, required: bool = False) -> None:
     parser.add_argument(
         "--log-start", default=0.0, **number, help="what the clock of the logs shows at the source's time 0"
     )
+    return height
 
 
 def height_of(args: argparse.Namespace) -> float | str | None:

@@ -10,6 +10,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rsflow.cli import _check_scale
 from rsflow.cli._export import add_exports, exports
 from rsflow.cli._options import add_mask, add_overwrite, add_range, add_rate, add_times, identity_of, mask_of, source_of
 from rsflow.cli._sensors import FILES, add_ground, height_of, sensors_of
@@ -58,13 +59,14 @@ examples:
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --json-lines | while read line; do ...
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --mavlink px4:flow.tlog --ros2-bag bag    for autopilots
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2 --mask ground.png     without what goes with the camera
+  rsflow velocity turn.mp4 --camera cam.yaml --check-scale --rates gyro.csv       are focal length, axes, times right?
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``rsflow velocity``."""
     parser.add_argument("source", metavar="SOURCE", help="video, folder or glob of pictures, camera number, URL")
-    add_ground(parser, required=True)
+    heights = add_ground(parser, required=True)
     parser.add_argument("-o", "--output", default=".", metavar="OUT", help="folder for the files (default: this one)")
     add_mask(parser)
     add_rate(parser)
@@ -83,9 +85,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     said = parser.add_mutually_exclusive_group()
     said.add_argument("--json", action="store_true", help="print a summary as JSON")
     said.add_argument("--json-lines", action="store_true", help="a JSON object a frame, the summary last")
+    _check_scale.add_check_scale(parser, heights)
 
 
 def run(args: argparse.Namespace) -> int:
+    """Measure; with --check-scale find out what is wrong with the set-up."""
+    if args.check_scale:
+        return _check_scale.run(args)
+    _check_scale.expect_none(args)
+    return _measure(args)
+
+
+def _measure(args: argparse.Namespace) -> int:
     """Measure, write the tables and the plots, print a summary."""
     import rsflow
     from rsflow.capture.masks import expect_size
