@@ -126,7 +126,8 @@ def test_signs_over_rendered_ground(tmp_path, case):
         got = np.array([message.integrated_x, message.integrated_y]) * per_second
         assert got == pytest.approx(flow, abs=0.004)
         got = np.array([message.integrated_xgyro, message.integrated_ygyro]) * per_second
-        assert got == pytest.approx(gyro, abs=1e-5)
+        # What was learned of the gyro is taken off it.
+        assert got == pytest.approx(gyro, abs=0.003)
         assert message.quality == 255
 
 
