@@ -51,7 +51,7 @@ def test_all_faults_at_once_are_found_and_said():
     said = "\n".join(check.findings)
     assert "x and y are swapped" in check.findings
     assert "the gyro lags by 4" in said
-    assert "the focal length is 7." in said
+    assert "the focal length is 7" in said
     assert "% too long" in said
     assert "velocities come out too low" in said
     assert "(yaw)" in said

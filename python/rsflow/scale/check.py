@@ -118,11 +118,11 @@ def check_scale(
     A gyro whose y axis has the wrong sign, and a camera file whose focal length is 5 % too long:
 
     >>> import dataclasses, numpy as np, rsflow
-    >>> t = np.arange(40) / 30
-    >>> rates = 0.5 * np.stack([np.sin(9 * t), np.cos(7 * t), np.sin(5 * t + 1)], axis=1)
-    >>> flight = rsflow.synthetic.flight(frames=41, velocity_m_s=(0, 0, 0), rate_rad_s=rates, seed=1)
+    >>> turn = lambda t: 0.5 * np.stack([np.sin(9 * t), np.cos(7 * t), np.sin(5 * t + 1)], axis=-1)
+    >>> flight = rsflow.synthetic.flight(frames=41, velocity_m_s=(0, 0, 0), rate_rad_s=turn, seed=1)
     >>> camera = dataclasses.replace(flight.camera, fx=189.0, fy=189.0)
-    >>> check = rsflow.check_scale(flight, camera, t_s=t + 1 / 60, rate_rad_s=rates * (1, -1, 1))
+    >>> t = np.arange(-5, 145) / 100
+    >>> check = rsflow.check_scale(flight, camera, t_s=t, rate_rad_s=turn(t) * (1, -1, 1))
     >>> check.axes, round(check.focal_px.value)
     (('+x', '-y', '+z'), 180)
     >>> print(check.findings[0])

@@ -25,7 +25,7 @@ from .gyro_fit import (
 )
 from .gyro_search import Alignment, search
 from .pairs import Pair
-from .picture_alone import focal_of_picture, sideways
+from .picture_alone import focal_of_picture, off_centre, sideways
 from .rate_log import RateLog
 from .result import ScaleCheck, ScaleStatus, corrected
 from .rotation_fit import Turns, fit_turns
@@ -54,6 +54,13 @@ _COMMON_PX = 0.01
 _SEEN = 50.0
 # Movement, as a share of the turn, that is told; that no figure survives.
 _MOVED, _MOVED_FAR = 0.02, 0.2
+# How far off the axis the lens must seem to be to be told, in distances and as pixels between two frames; and how many
+# times as much hides in the focal length.
+_OFF_CENTRE, _OFF_PX, _HIDDEN = 0.005, 0.05, 4.0
+# Side in pixels from which a picture is fine enough to tell that.
+_FINE_PX = 100
+# Deviation of the focal length from a lens that is off the axis by so little that nothing shows it.
+_CARE = 0.004
 # Relative difference of two focal lengths that is told.
 _APART = 0.01
 
@@ -131,6 +138,15 @@ def _moved(turns: Turns, camera: Camera, own_std: float) -> tuple[float, str]:
         return max(share, abs(away)), (
             f"the camera does not turn in place: beside turning the picture shifts as if the camera were moved by "
             f"{100 * share:.0f} % of its distance from the scene a radian, or the lens distortion is another"
+        )
+    arm, arm_std = off_centre(turns, sideways(turns)[0])
+    fine = min(camera.width, camera.height) >= _FINE_PX
+    shifted_px = arm * turned * camera.fx
+    if fine and arm > max(4 * arm_std, _OFF_CENTRE) and shifted_px > _OFF_PX + 4 * float(np.median(turns.shared_px)):
+        return _HIDDEN * arm, (
+            "the camera does not turn about its own centre (the picture shifts as if the lens were off the axis by "
+            f"{100 * arm:.1f} % of its distance from the scene or more), the gyro's scale is off, or the lens "
+            "distortion is another"
         )
     if abs(away) > max(3 * float(np.hypot(std, own_std)), _APART):
         return abs(away), (
@@ -226,7 +242,7 @@ class _Judged:
         shared[MOUNT] = 0.5 * error_px / max(turned, 1e-9)
         shared[DELAY] = error_px / moves
         shared[ROWS] = np.hypot(error_px / (0.29 * moves), 0.003 * self.fit.state.readout_s)
-        shared[BIAS] = 0.3 * error_px / (self.camera.fx * float(np.median(turns.dt_s)))
+        shared[BIAS] = error_px / (self.camera.fx * float(np.median(turns.dt_s)))
         return shared
 
     def _focal(self, std: float, moved: float, readout: Estimate) -> Estimate:
@@ -242,7 +258,7 @@ class _Judged:
             rows = float(np.sqrt((turn[:, 0] ** 2).mean())) * self.camera.fy / (self.camera.height - 1)
             std = float(np.hypot(std, 0.5 * rows))
         common = max(_COMMON_PX, float(np.median(self.fit.turns.shared_px)))
-        std = float(np.sqrt(std**2 + (common / max(across, 1e-9)) ** 2 + moved**2))
+        std = float(np.sqrt(std**2 + (common / max(across, 1e-9)) ** 2 + moved**2 + _CARE**2))
         return estimated(ratio, ratio * std, blocks=self.fit.blocks, most_std=_FOCAL_KNOWN)
 
     def _delay(self, std: float, dt: float) -> tuple[Estimate, list[str]]:

@@ -97,11 +97,12 @@ def peers(delays: F64, match: F64, wins: F64, count: int, dt: float) -> list[int
     """Places of the best delay and of those, apart from each other, that explain the clip as well."""
     found = [int(np.argmax(match))]
     left = 1 - match**2
-    for k in np.argsort(-(match + wins)):
+    far = np.where(np.abs(delays - delays[found[0]]) > 2 * dt, wins, 0.0)
+    for k in np.argsort(-(match + far)):
         around = np.abs(delays - delays[k]) <= 2 * dt
         top = match[k] >= match[np.abs(delays - delays[k]) <= 0.6 * dt].max()
-        alike = left[k] < left[found[0]] * (1 + 6 / count**0.5) + 1e-5
-        if np.abs(delays[k] - delays[found]).min() > 2 * dt and ((top and alike) or wins[around].sum() > 0.05):
+        alike = left[k] < left[found[0]] * (1 + 20 / count) + 1e-5
+        if np.abs(delays[k] - delays[found]).min() > 2 * dt and ((top and alike) or far[around].sum() > 0.05):
             found.append(int(k))
     return found
 

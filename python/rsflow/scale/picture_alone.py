@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from .rotation_fit import FOCAL, READOUT, SHIFT, TURN, Turns
 
-__all__ = ["focal_of_picture", "sideways"]
+__all__ = ["focal_of_picture", "off_centre", "sideways"]
 
 F64 = NDArray[np.float64]
 
@@ -53,3 +53,22 @@ def focal_of_picture(turns: Turns, blocks: int) -> tuple[float, float] | None:
     moved = float(np.sqrt(np.mean(own_information * turns.std_px**2 / (2 * turns.n_points))))
     std = float(np.hypot(std, float(np.median(turns.shared_px)) / max(moved, 1e-9)))
     return (away, std) if std < _PERSPECTIVE else None
+
+
+def off_centre(turns: Turns, way: F64) -> tuple[float, float]:
+    """Say how far the lens is from the axis that it is turned about, in distances from the scene, and the deviation.
+
+    `way` (K, 3) is how the camera moved between frames, as `sideways` gives it: what of it goes with the turns. Most of
+    what a lens ahead of the axis does is taken for a longer focal length; this is what is left of it.
+    """
+    x, y, z = turns.turn_rad.T
+    zero = np.zeros_like(x)
+    # The way of a lens at `arm` is turn x arm.
+    columns = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3)
+    normal = columns.T @ columns
+    held = 1e-6 * np.trace(normal) * np.eye(3)
+    arm = np.linalg.solve(normal + held, columns.T @ way.ravel())
+    left = way.ravel() - columns @ arm
+    spread = np.sqrt(np.diag(np.linalg.inv(normal + held)) * float((left**2).sum()) / max(len(left) - 3, 1))
+    at = int(np.argmax(np.abs(arm) / np.maximum(spread, 1e-12)))
+    return float(np.abs(arm[at])), float(spread[at])

@@ -23,6 +23,8 @@ _UNKNOWNS = 8
 _STEPS = 6
 # Error in pixels that all points share, and the share of an unstated error that is shared.
 _SHARED_PX, _TOGETHER = 0.006, 0.3
+# Step of a numerical derivative, of the log of the focal length.
+_STEP = 1e-4
 # Samples of three points that a pair's rotation is sought from, and the deviations within which a point agrees.
 _SAMPLES, _AGREES = 40, 4.0
 
@@ -150,6 +152,13 @@ def fit_turns(
     ends = np.cumsum(sizes)[:-1]
     points = [np.vstack([getattr(pair, name) for pair in pairs]) for name in ("before", "after")]
     x1, x2 = (np.split(camera.undistort_points(p, normalized=True).astype(np.float64), ends) for p in points)
+    # Lens distortion stays that of the picture: a ray does not simply shrink with the focal length.
+    longer = replace(camera, fx=camera.fx * (1 + _STEP), fy=camera.fy * (1 + _STEP), std={})
+    rays = (longer.undistort_points(p, normalized=True).astype(np.float64) for p in points)
+    d1, d2 = (
+        [(other - ray) / _STEP for ray, other in zip(before, np.split(after, ends), strict=True)]
+        for before, after in zip((x1, x2), rays, strict=True)
+    )
     for k, pair in enumerate(pairs):
         none = np.zeros((len(pair.before), 3))
         extra, grows = (none, none) if sweep is None else sweep.between(k, pair, camera.height)
@@ -157,6 +166,7 @@ def fit_turns(
         view = _View(
             x1[k][seen],
             x2[k][seen],
+            np.stack([d1[k][seen], d2[k][seen]]),
             (camera.fx, camera.fy) / pair.std_px[seen, None],
             extra[seen],
             grows[seen],
@@ -190,12 +200,14 @@ def _gathered(rows: list[tuple[Any, ...]]) -> Turns:
 class _View:
     """Rays of one pair of frames.
 
-    `scale` makes of a difference of rays deviations; `extra` is what the readout adds, for each point, to the turn
-    between its two rows, and `sweep` how that grows with the readout time.
+    `grows` (2, N, 2) is how the rays of both frames change with the log of the focal length; `scale` makes of a
+    difference of rays deviations; `extra` is what the readout adds, for each point, to the turn between its two rows,
+    and `sweep` how that grows with the readout time.
     """
 
     x1: F64
     x2: F64
+    grows: F64
     scale: F64
     extra: F64
     sweep: F64
@@ -209,19 +221,20 @@ class _View:
         turned = turned + once + 0.5 * np.cross(once, self.extra)
         return (self.x2 - turned[:, :2] / turned[:, 2:]) * self.scale, turned
 
-    def columns(self, turned: F64) -> F64:
+    def columns(self, turned: F64, turn: F64) -> F64:
         """Give derivatives (N, 2, 8) of the residuals."""
         x, y, z = turned.T
         zero = np.zeros_like(x)
         project = np.stack([1 / z, zero, -x / z**2, zero, 1 / z, -y / z**2], axis=1).reshape(-1, 2, 3)
         cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-        turn = -project @ cross
-        spread = np.concatenate([self.x1, np.zeros((len(x), 1))], axis=1)
+        rotation = -project @ cross
         columns = np.empty((len(x), 2, _UNKNOWNS))
-        columns[..., TURN] = turn
-        # Where the point should be, not where it was measured: noise times itself is no slope.
-        columns[..., FOCAL] = -turned[:, :2] / turned[:, 2:] + np.einsum("nij,nj->ni", project, spread)
-        columns[..., READOUT] = np.einsum("nij,nj->ni", turn, self.sweep)
+        columns[..., TURN] = rotation
+        # For where the point should be, not where it was measured: noise times itself is no slope.
+        off = self.x2 - turned[:, :2] / turned[:, 2:]
+        moved = self.grows[0] @ rotation_matrix(-turn)[:, :2].T
+        columns[..., FOCAL] = self.grows[1] + off - np.einsum("nij,nj->ni", project, moved)
+        columns[..., READOUT] = np.einsum("nij,nj->ni", rotation, self.sweep)
         columns[..., SHIFT] = project
         return columns * self.scale[..., None]
 
@@ -235,7 +248,7 @@ class _View:
             # The median length of a residual of two Gaussian parts is 1.177 deviations.
             unit = max(float(np.median(size)) / 1.177, 1.0)
             weight = np.clip(1 - (size / (_AGREES * unit)) ** 2, 0, None) ** 2
-            columns = self.columns(turned)[..., TURN]
+            columns = self.columns(turned, turn)[..., TURN]
             normal = np.einsum("n,nki,nkj->ij", weight, columns, columns)
             step = np.linalg.lstsq(normal, np.einsum("n,nki,nk->i", weight, columns, residual), rcond=1e-12)[0]
             turn = turn - step
@@ -246,7 +259,7 @@ class _View:
         count = int(agree.sum())
         if count < max(LEAST_POINTS, 0.5 * len(self.x1)):
             return None
-        columns = self.columns(turned)
+        columns = self.columns(turned, turn)
         rms = float(np.sqrt((weight[:, None] * residual**2).sum() / (2 * weight.sum())))
         # Where the points are worse than they say, so are the figures.
         weight = weight / max(rms, 1.0) ** 2
@@ -257,7 +270,7 @@ class _View:
     def _sampled(self, rng: np.random.Generator) -> F64:
         """Give the turn, of many from three points each, that most points agree with."""
         residual, turned = self.residuals(np.zeros(3))
-        columns = self.columns(turned)[..., TURN]
+        columns = self.columns(turned, np.zeros(3))[..., TURN]
         best, least = np.zeros(3), np.inf
         picks = rng.integers(0, len(self.x1), (_SAMPLES, 3))
         # A little on the diagonal: three points on one spot say nothing.
