@@ -145,6 +145,7 @@ def test_without_a_turn_about_x_or_y_the_focal_length_is_unknown():
     assert any(text.startswith("the focal length:") for text in check.untold)
     assert check.findings == ()
     assert 0.0 in check.delay_s
+    assert check.delay_s.std < 0.003
 
 
 def test_a_turn_about_one_axis_tells_that_axis_alone():
@@ -216,6 +217,24 @@ def test_a_gyro_with_a_wrong_scale_is_doubted():
     assert any("the gyro's scale is off" in text for text in check.findings)
     assert 1.0 in check.focal_ratio
     assert checked(wide).ok
+
+
+def test_a_lens_off_the_axis_is_told():
+    # The camera's centre is 6 cm ahead of the axis that it is turned about, and sees the ground from a metre.
+    arm = np.array([0.0, 0.0, 0.06])
+    turning = waves(2, 0.6, (1.0, 1.0, 1.0))
+    clip = synthetic.flight(
+        Camera(300.0, 300.0, 159.5, 119.5, width=320, height=240),
+        frames=50,
+        height_m=1.0,
+        velocity_m_s=lambda t: np.cross(turning(t), arm),
+        rate_rad_s=turning,
+        seed=2,
+    )
+    check = checked(clip)
+    assert any("off the axis" in text for text in check.findings)
+    assert 1.0 in check.focal_ratio
+    assert 0.0 in check.delay_s
 
 
 def test_too_little_of_anything():

@@ -59,6 +59,8 @@ _MOVED, _MOVED_FAR = 0.02, 0.2
 _OFF_CENTRE, _OFF_PX, _HIDDEN = 0.005, 0.05, 4.0
 # Side in pixels from which a picture is fine enough to tell that.
 _FINE_PX = 100
+# Error of the mounting that coarser ones leave.
+_COARSE_RAD = 0.005
 # Deviation of the focal length from a lens that is off the axis by so little that nothing shows it.
 _CARE = 0.004
 # Relative difference of two focal lengths that is told.
@@ -233,13 +235,17 @@ class _Judged:
     def _shared(self) -> F64:
         """Deviations of the unknowns from errors that all points share, as if these were one."""
         turns = self.fit.turns
-        rise = np.diff(turns.rate_rad_s[:, :2], axis=0)
+        # A turn about the optical axis moves points by their distance from it.
+        reach = 0.3 * float(np.hypot(self.camera.width / self.camera.fx, self.camera.height / self.camera.fy))
+        rise = np.diff(turns.rate_rad_s, axis=0) * (1.0, 1.0, reach)
         # Pixels that a second of delay moves the picture by between two frames; of readout, as its rows see it.
         moves = float(np.sqrt((rise**2).sum(axis=1).mean())) * self.camera.fx + 1e-9
         shared = np.zeros(len(self.fit.prior_std))
         error_px = float(np.median(turns.shared_px))
         turned = float(np.sqrt((turns.turn_rad**2).sum(axis=1).mean())) * self.camera.fx
         shared[MOUNT] = 0.5 * error_px / max(turned, 1e-9)
+        if min(self.camera.width, self.camera.height) < _FINE_PX:
+            shared[MOUNT] = np.hypot(shared[MOUNT], _COARSE_RAD)
         shared[DELAY] = error_px / moves
         shared[ROWS] = np.hypot(error_px / (0.29 * moves), 0.003 * self.fit.state.readout_s)
         shared[BIAS] = error_px / (self.camera.fx * float(np.median(turns.dt_s)))
