@@ -7,13 +7,16 @@ from ._checks.knobs import Illumination, Preset, ShiftDeformation, TrackOptions
 
 __all__ = [
     "DenseFlow",
+    "PlaneTracker",
     "PointTracker",
     "__version__",
     "build_info",
     "detect_corners",
     "estimate_shift",
+    "fit_plane",
     "gaussian_pyramid",
     "get_num_threads",
+    "plane_tile_statuses",
     "point_statuses",
     "set_num_threads",
     "shift_statuses",
@@ -83,6 +86,38 @@ class PointTracker:
     def scene_cut(self) -> bool: ...
     def state(self) -> dict[str, Any]: ...
     def restore(self, state: dict[str, Any]) -> None: ...
+
+_Vector = tuple[float, float, float]
+_Motion = tuple[float, float, float, float, float, float]
+# turn, down, readout; where to begin; levels; rotation, its covariance; numbers whose effect is wanted
+_PlaneTask = tuple[tuple[_Vector, _Vector, float], _Motion, int, tuple[_Vector, tuple[_Vector, _Vector, _Vector]], list[int]]
+# motion, normal matrix, responses; scale, residual, correlation, settled; rows of tiles, their statuses
+_PlaneFound = tuple[
+    tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    tuple[float, float, float, bool],
+    tuple[NDArray[np.float64], NDArray[np.uint8]],
+]
+
+@final
+class PlaneTracker:
+    def __new__(
+        cls, model: str, focal: tuple[float, float], centre: tuple[float, float], coefficients: list[float]
+    ) -> Self: ...
+    def push(self, frame: object, mask: object) -> None: ...
+    def take_back(self) -> None: ...
+    def reset(self) -> None: ...
+    def motion(self, task: _PlaneTask) -> _PlaneFound | None: ...
+
+def fit_plane(
+    model: str,
+    focal: tuple[float, float],
+    centre: tuple[float, float],
+    coefficients: list[float],
+    rows: int,
+    matches: NDArray[np.float64],
+    task: _PlaneTask,
+) -> _PlaneFound | None: ...
+def plane_tile_statuses() -> list[tuple[str, int]]: ...
 
 # dx, dy, covariance, gain, offset, residual, status
 _ShiftFound = tuple[float, float, NDArray[np.float64], float, float, float, int]

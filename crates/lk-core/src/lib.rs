@@ -23,6 +23,7 @@ mod memory;
 mod options;
 mod parallel;
 mod phase;
+mod plane;
 mod presmooth;
 mod pyramid;
 mod scratch;
@@ -44,6 +45,10 @@ pub use execution::Execution;
 pub use frame::{Frame, Pixel, Plane, frame_from_slice};
 pub use illumination::Illumination;
 pub use parallel::set_num_threads;
+pub use plane::{
+    Distortion, Lens, PlaneFit, PlaneInterval, PlaneMatch, PlaneMotion, PlaneNormal, PlaneNumber,
+    PlaneOptions, PlaneResponse, PlaneTile, PlaneTileStatus, PlaneTracker, fit_plane,
+};
 pub use pyramid::Pyramid;
 pub use shift::{Roi, Shift, ShiftDeformation, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::SimdLevel;

@@ -8,6 +8,7 @@ mod flow;
 mod frames;
 mod interrupt;
 mod outputs;
+mod plane;
 mod points;
 mod shared;
 mod shift;
@@ -122,6 +123,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     tracking::register(module)?;
     module.add_function(wrap_pyfunction!(corners::detect_corners, module)?)?;
     module.add_class::<tracker::PyPointTracker>()?;
+    plane::register(module)?;
     module.add_function(wrap_pyfunction!(shift::estimate_shift, module)?)?;
     module.add_function(wrap_pyfunction!(shift::shift_statuses, module)?)?;
     Ok(())

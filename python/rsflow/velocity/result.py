@@ -40,6 +40,9 @@ class VelocityStatus(Status):
     INCONSISTENT = 6, "Fewer than half of the points move as one plane does."
     NO_HEIGHT = 7, "The flow was measured, but no height above the ground is known for this frame."
     NO_GROUND = 8, "The camera does not look at the ground, or less than 10 degrees below its horizon."
+    REPEATED_FRAME = 9, "The picture is the one before again: the next one is compared with that, over both intervals."
+    TWO_MOTIONS = 10, "Two motions hold for parts of the picture of similar size: either may be that of the ground."
+    AMBIGUOUS = 11, "The ground repeats: another motion explains the pictures as well."
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +111,11 @@ class Velocity:
     origin_velocity_m_s: F64 = field(default_factory=lambda: np.full(3, np.nan))
     parts: Mapping[str, F64] = field(default_factory=dict, repr=False)
     unstated: tuple[str, ...] = ()
+    rate_rad_s: F64 = field(default_factory=lambda: np.full(3, np.nan))
+    rate_covariance: F64 = field(default_factory=lambda: np.diag(np.full(3, np.inf)), repr=False)
+    height_m: float = np.nan
+    height_std_m: float = np.nan
+    doubts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         if not self.valid:

@@ -5,11 +5,11 @@
 #![allow(clippy::needless_range_loop, reason = "filter indices")]
 
 /// Taps on each side of the interpolation and of the derivative.
-pub(super) const RADIUS: usize = 2;
+pub(crate) const RADIUS: usize = 2;
 /// The taps of one filter.
-pub(super) type Taps = [f32; 2 * RADIUS + 1];
+pub(crate) type Taps = [f32; 2 * RADIUS + 1];
 /// The derivative of fourth order.
-pub(super) const DERIVATIVE: Taps = [1.0 / 12.0, -8.0 / 12.0, 0.0, 8.0 / 12.0, -1.0 / 12.0];
+pub(crate) const DERIVATIVE: Taps = [1.0 / 12.0, -8.0 / 12.0, 0.0, 8.0 / 12.0, -1.0 / 12.0];
 
 /// The even part of the taps: coefficients of 1, delta^2, delta^4, delta^6 for the taps 1 and 2 from the middle.
 const EVEN: [[f64; 2]; 4] = [
@@ -32,7 +32,7 @@ const ODD: [[f64; 2]; 4] = [
 /// The coefficients are the least squares fit of the phase up to 2.6 radians a pixel, with the amplitude of a Gaussian
 /// of standard deviation 0.71 as a weak second aim: textures of any scale are biased by less than 0.0002 px. The tests
 /// below hold them to both aims; the weights of the fit itself are not on record.
-pub(super) fn taps(delta: f64) -> Taps {
+pub(crate) fn taps(delta: f64) -> Taps {
     let square = delta * delta;
     let even: [f64; 2] = std::array::from_fn(|k| {
         ((EVEN[3][k] * square + EVEN[2][k]) * square + EVEN[1][k]) * square + EVEN[0][k]

@@ -16,7 +16,7 @@ mod deformed;
 mod edges;
 mod estimate;
 mod evaluate;
-mod filters;
+pub(crate) mod filters;
 mod gain;
 mod gauss_newton;
 mod gram;

@@ -1,0 +1,208 @@
+"""What is known of a camera's rotation between two frames, and what is learned of it from the pictures.
+
+Over a plane a turn about an axis of the picture looks nearly like a way across it. How well the pictures tell both
+apart depends on the field of view; the rest is what a gyro, an attitude, or nothing says, each with its own errors.
+These errors are learned: whatever rotation the pictures show beyond what was told is compared with what it should be.
+
+docs/algorithms.md, section "What is known of the rotation".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+
+# Standard deviations before anything was seen, in rad/s: of a rotation that nothing measures, about each axis; of what
+# a gyro or an attitude leaves.
+_UNMEASURED_RAD_S = 0.3
+_UNDECLARED_RAD_S = 0.2
+# Of a gyro's bias, in rad/s, and of its delay, in seconds; and how fast a bias walks, in rad/s per root of a second.
+_BIAS_RAD_S = 0.05
+_DELAY_S = 0.01
+_WALK_RAD_S = 2e-4
+# For how long what was seen is remembered, in seconds.
+_MEMORY_S = 1.0
+# An error of more than this many deviations counts as one of so many.
+_MOST = 6.0
+# A declared deviation is believed unless what is seen exceeds it by so many deviations of what is seen.
+_BELIEVED = 4.0
+# Deviations of a rate of which none is expected: not zero, for it is divided by.
+_LEAST_RAD_S = 1e-6
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a rotation is off by, in rad/s in the body's axes, before the pictures are asked.
+
+    `covariance` is that under which it is estimated: the most likely one. `cover` is that which the covariance of the
+    result holds: no less than may be, after what was seen so far.
+    """
+
+    mean: F64
+    covariance: F64
+    cover: F64
+
+
+@dataclass(frozen=True)
+class GyroState:
+    """What was learned of a gyro from the pictures.
+
+    Attributes
+    ----------
+    bias_rad_s : (3,) float64
+        What is to be added to its rates, in the body's axes.
+    bias_std_rad_s : (3,) float64
+    delay_s : float
+        How much later than the frames its rates come.
+    delay_std_s : float
+    """
+
+    bias_rad_s: F64
+    bias_std_rad_s: F64
+    delay_s: float
+    delay_std_s: float
+
+    def __repr__(self) -> str:
+        bias = ", ".join(
+            f"{value:+.4f} +- {std:.4f}" for value, std in zip(self.bias_rad_s, self.bias_std_rad_s, strict=True)
+        )
+        return f"GyroState(bias={bias} rad/s, delay={1e3 * self.delay_s:.1f} +- {1e3 * self.delay_std_s:.1f} ms)"
+
+
+class Excess:
+    """Variance of errors beyond what each observation's own noise explains, axis by axis, with a memory."""
+
+    def __init__(self, first: F64) -> None:
+        self.first = first
+        self.count = np.zeros(3)
+        self.squares = np.zeros(3)
+        self.noise = np.zeros(3)
+
+    def learn(self, error: F64, noise: F64, dt_s: float) -> None:
+        """Take an error (3,) whose own noise has these variances (3,)."""
+        keep = np.exp(-max(dt_s, 0.0) / _MEMORY_S)
+        most = _MOST**2 * (noise + self.likely() if self.count.all() else np.full(3, np.inf))
+        self.count = keep * self.count + 1.0
+        self.squares = keep * self.squares + np.minimum(error * error, np.maximum(most, noise))
+        self.noise = keep * self.noise + noise
+
+    def likely(self) -> F64:
+        """Most likely variance, (3,)."""
+        if not self.count.all():
+            return self.first
+        return np.maximum(self.squares - self.noise, 0.0) / self.count
+
+    def doubt(self) -> F64:
+        """Standard deviation of `likely` where there is no excess."""
+        if not self.count.all():
+            return self.first
+        return np.minimum(self.noise / self.count * np.sqrt(2.0 / self.count), self.first)
+
+    def cover(self) -> F64:
+        """Variance that may be there, (3,)."""
+        return np.asarray(np.minimum(self.likely() + self.doubt(), np.maximum(self.first, self.likely())))
+
+
+class RotationModel:
+    """Expects what a told rotation is off by, and learns it.
+
+    Parameters
+    ----------
+    rate_std_rad_s : float or None
+        Declared deviation of a rate about each axis; None where nobody declared one.
+    delay_std_s : float or None
+    """
+
+    def __init__(self, rate_std_rad_s: float | None, delay_std_s: float | None) -> None:
+        self._declared = rate_std_rad_s
+        bias = _BIAS_RAD_S if rate_std_rad_s is None or rate_std_rad_s > 0 else 0.0
+        delay = _DELAY_S if delay_std_s is None else delay_std_s
+        self._state = np.zeros(4)
+        self._spread = np.diag([bias**2] * 3 + [delay**2])
+        unmeasured, undeclared = np.full(3, _UNMEASURED_RAD_S**2), np.full(3, _UNDECLARED_RAD_S**2)
+        self._excess = {
+            "none": Excess(unmeasured),
+            "attitude": Excess(np.append(undeclared[:2], unmeasured[2:])),
+            "gyro": Excess(undeclared),
+        }
+        self._rate: F64 | None = None
+        # How the last rate depends on bias and delay, and what is not known of it for their sake.
+        self._jacobian = np.zeros((3, 4))
+        self._lasting = np.zeros((3, 3))
+
+    @property
+    def gyro(self) -> GyroState:
+        """What was learned of a gyro."""
+        std = np.sqrt(np.diag(self._spread))
+        return GyroState(self._state[:3].copy(), std[:3], float(self._state[3]), float(std[3]))
+
+    def correction(self, rate: F64, dt_s: float) -> F64:
+        """What is to be added to a gyro's rate (3,), in the body's axes."""
+        slope = np.zeros(3) if self._rate is None else (rate - self._rate) / dt_s
+        self._jacobian = np.column_stack([np.eye(3), slope])
+        self._lasting = self._jacobian @ self._spread @ self._jacobian.T
+        self._rate = rate
+        return np.asarray(self._jacobian @ self._state)
+
+    def forget_rate(self) -> None:
+        """Know no rate of the interval before."""
+        self._rate = None
+
+    def expected(self, source: str, axes: F64) -> Expected:
+        """Expect the error of a told rotation.
+
+        Parameters
+        ----------
+        source : {"none", "attitude", "gyro"}
+        axes : (3, 3)
+            Axes, as rows in those of the body, in which errors are learned.
+        """
+        excess = self._excess[source]
+        likely, cover = excess.likely(), excess.cover()
+        if self._declared is not None and source != "attitude":
+            declared = np.full(3, self._declared**2)
+            beyond = likely > declared + _BELIEVED * excess.doubt() if excess.count.all() else np.zeros(3, bool)
+            likely, cover = np.where(beyond, likely, declared), np.where(beyond, cover, declared)
+        lasting = self._lasting if source == "gyro" else np.zeros((3, 3))
+        least = _LEAST_RAD_S**2
+
+        def turned(variances: F64) -> F64:
+            return np.asarray(axes.T @ ((variances + least)[:, None] * axes) + lasting)
+
+        return Expected(np.zeros(3), turned(likely), turned(cover))
+
+    def learn(self, source: str, axes: F64, error: F64, covariance: F64, dt_s: float) -> None:
+        """Take what the pictures alone say that the told rotation is off by, (3,) in the body's axes, and how surely."""
+        if source == "gyro":
+            error = self._corrected(axes, error, covariance, dt_s)
+        self._excess[source].learn(axes @ error, np.einsum("ij,jk,ik->i", axes, covariance, axes), dt_s)
+
+    def _corrected(self, axes: F64, error: F64, covariance: F64, dt_s: float) -> F64:
+        """Learn bias and delay from an error (Kalman's filter), and give what they leave of it."""
+        J = self._jacobian
+        rest = covariance + self.expected("gyro", axes).covariance - self._lasting
+        spread = self._spread + np.diag([_WALK_RAD_S**2 * dt_s] * 3 + [0.0])
+        gain = spread @ J.T @ np.linalg.inv(J @ spread @ J.T + rest)
+        change = gain @ error
+        keep = np.eye(4) - gain @ J
+        self._state = self._state + change
+        self._spread = keep @ spread @ keep.T + gain @ rest @ gain.T
+        return np.asarray(error - J @ change)
+
+    def state(self) -> dict[str, Any]:
+        """Everything that was learned, to be kept."""
+        kept: dict[str, Any] = {"state": self._state, "spread": self._spread, "rate": self._rate}
+        for name, excess in self._excess.items():
+            kept[name] = np.stack([excess.count, excess.squares, excess.noise])
+        return kept
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Take over what `state` gave."""
+        self._state, self._spread, self._rate = kept["state"], kept["spread"], kept["rate"]
+        for name, excess in self._excess.items():
+            excess.count, excess.squares, excess.noise = kept[name]

@@ -1,0 +1,91 @@
+"""What a sequence shows over time: frames that were sent twice, and times that do not fit a steady flow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+
+# What noise leaves between frames is remembered over so many of them.
+_FRAMES = 30
+# A picture that stands still and differs from the one before by less than this part of what noise usually leaves, was
+# sent twice.
+_QUIET = 0.75
+# It does so where the motion before made it expected to move by this many pixels, and where it moved less than this.
+_EXPECTED_PX = 1.0
+_STILL_PX = 0.25
+# Times are off where velocities scatter this many times more than displacements and than they should.
+_UNSTEADY = 2.5
+_LEAST_CHANGES = 8
+
+
+class Watch:
+    """Remembers what is usual."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Know nothing."""
+        self._residuals: list[float] = []
+        self._steps: list[tuple[float, float, float, float]] = []
+
+    def is_repeated(self, residual: float, moved: F64, expected: F64 | None) -> bool:
+        """Say whether a picture is the one before it again, encoded anew perhaps.
+
+        Parameters
+        ----------
+        residual : float
+            Root mean square of grey levels that the motion leaves.
+        moved : (2,)
+            Median displacement in pixels.
+        expected : (2,), optional
+            What the motion before made expected.
+        """
+        if expected is None or len(self._residuals) < 2 or not np.isfinite(moved).all():
+            return False
+        jumped = np.hypot(*moved) < _STILL_PX and np.hypot(*expected) > _EXPECTED_PX
+        return bool(jumped and residual < _QUIET * float(np.median(self._residuals)))
+
+    def add(self, residual: float, speed: float, std: float, way: float, dt_s: float) -> None:
+        """Take a frame: speed and its deviation in heights a second, way in heights."""
+        self._residuals = [*self._residuals, residual][-_FRAMES:]
+        self._steps = [*self._steps, (speed, std, way, dt_s)][-_FRAMES:]
+
+    def dt_std_s(self) -> float:
+        """Deviation of the time between frames that a steady flow shows, in seconds; 0 where it shows none.
+
+        Velocities that jump to and fro where the displacements themselves do not are those of times that are off: what
+        is late once makes one interval too long and the next one too short.
+        """
+        steps = self._steps
+        if len(steps) < _LEAST_CHANGES + 2:
+            return 0.0
+        table = np.array(steps)
+        speed, std, way, dt = table.T
+        if not (speed > 0).all():
+            return 0.0
+
+        def scatter(values: F64) -> float:
+            bend = values[1:-1] - 0.5 * (values[:-2] + values[2:])
+            return float(np.median(np.abs(bend))) / 0.6745
+
+        usual = float(np.median(dt))
+        of_speed = scatter(speed) / float(np.median(speed))
+        of_way = scatter(way) / float(np.median(way))
+        noise = 1.2247 * float(np.median(std / speed))
+        if of_speed < _UNSTEADY * max(of_way, noise) or np.ptp(dt) < 1e-9:
+            return 0.0
+        # The errors of neighbouring intervals are opposite by half: the bend has 2.5 times their variance.
+        return float(of_speed / np.sqrt(2.5) * usual)
+
+    def state(self) -> dict[str, Any]:
+        """Everything that is known, to be kept."""
+        return {"residuals": self._residuals, "steps": self._steps}
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Take over what `state` gave."""
+        self._residuals, self._steps = kept["residuals"], kept["steps"]
