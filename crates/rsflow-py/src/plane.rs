@@ -33,7 +33,7 @@ fn plane_tile_statuses() -> Vec<(&'static str, u8)> {
         .collect()
 }
 
-/// Motion, normal matrix, a response for each number; scale, residual, correlation, settled; a row for each tile (middle,
+/// Motion, normal matrix, for each number its response (right side, score, curvatures); scale, residual, correlation, settled; a row for each tile (middle,
 /// displacement, residual, weight, information, correlation) and its status.
 type Found<'py> = (
     (
@@ -232,16 +232,18 @@ fn found<'py>(py: Python<'py>, fit: &PlaneFit) -> PyResult<Found<'py>> {
         ]
     });
     let responses = fit.responses.iter().flat_map(|response| {
-        let [x, y, z, a, b, c] = response.right;
-        [x, y, z, a, b, c, response.score, response.curvature]
+        let score = std::iter::once(&response.score);
+        let right = response.right.iter().chain(score);
+        right.chain(&response.curvature).copied()
     });
+    let known = fit.responses.len();
     let normal = fit.normal.iter().flatten().copied();
     let statuses = fit.tiles.iter().map(|tile| tile.status as u8);
     Ok((
         (
             filled(py, TILES, Ix1(6), fit.motion.iter().copied())?,
             filled(py, TILES, Ix2(6, 6), normal)?,
-            filled(py, TILES, Ix2(fit.responses.len(), 8), responses)?,
+            filled(py, TILES, Ix2(known, 7 + known), responses)?,
         ),
         (fit.scale, fit.residual, fit.correlation, fit.settled),
         (

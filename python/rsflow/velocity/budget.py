@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.model import Camera
-from . import plane
 
-__all__ = ["of_causes", "rotated", "wanted"]
+__all__ = ["of_lens", "rotated", "wanted"]
 
 F64 = NDArray[np.float64]
 
@@ -18,16 +17,13 @@ _LENS = (("focal length", ("fx", "fy")), ("principal point", ("cx", "cy")))
 _ORDER = ("fx", "fy", "cx", "cy")
 
 
-def wanted(camera: Camera, down_std_rad: float) -> tuple[int, ...]:
-    """Which numbers' effect on the motion the covariance needs."""
-    known = [_ORDER.index(name) for name in _ORDER if camera.std.get(name, 0.0) > 0]
-    return (*known, *((plane.DOWN_X, plane.DOWN_Y) if down_std_rad > 0 else ()))
+def wanted(camera: Camera) -> tuple[int, ...]:
+    """Which numbers of the lens the covariance needs the effect of."""
+    return tuple(_ORDER.index(name) for name in _ORDER if camera.std.get(name, 0.0) > 0)
 
 
-def of_causes(
-    camera: Camera, numbers: tuple[int, ...], changes: F64, per_motion: float, down_std_rad: float
-) -> dict[str, F64]:
-    """Give what lens and attitude add, in the camera's axes.
+def of_lens(camera: Camera, numbers: tuple[int, ...], changes: F64, per_way: float) -> dict[str, F64]:
+    """Give what the lens adds, in the camera's axes.
 
     Parameters
     ----------
@@ -36,19 +32,15 @@ def of_causes(
         From `wanted`.
     changes : (N, 3)
         Of the way, in heights, for one unit of each.
-    per_motion : float
+    per_way : float
         Metres per second for a way of one height.
-    down_std_rad : float
     """
     parts: dict[str, F64] = {}
-    for number, change in zip(numbers, changes * per_motion, strict=True):
-        if number >= 0:
-            name = _ORDER[number]
-            title = next(title for title, names in _LENS if name in names)
-            std = float(camera.std[name])
-        else:
-            title, std = "attitude", down_std_rad
-        parts[title] = parts.get(title, np.zeros((3, 3))) + np.outer(change, change) * std**2
+    for number, change in zip(numbers, changes * per_way, strict=True):
+        name = _ORDER[number]
+        title = next(title for title, names in _LENS if name in names)
+        part = np.outer(change, change) * float(camera.std[name]) ** 2
+        parts[title] = parts.get(title, np.zeros((3, 3))) + part
     return parts
 
 

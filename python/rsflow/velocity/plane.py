@@ -77,43 +77,102 @@ class Motion:
             return np.full(2, np.nan)
         return np.asarray(np.median(self.tiles[which, 2:4], axis=0))
 
-    def rotation(self) -> tuple[F64, F64]:
-        """Rotation (3,) beyond the told one that the displacements alone say, and its covariance."""
-        everything = self.normal.copy()
-        everything[range(3, 6), range(3, 6)] += _ANY
-        inverse = np.linalg.inv(everything)
-        return inverse[3:] @ self.right, inverse[3:, 3:]
+    def rotation(self, tilt: F64 | None) -> tuple[F64, F64]:
+        """Rotation (3,) beyond the told one that the displacements say, and its covariance.
 
-    def known(self, mean: F64, covariance: F64, cover: F64) -> tuple[F64, F64, F64, F64]:
-        """Give the motion under what is known of the rotation.
-
-        Parameters
-        ----------
-        mean : (3,)
-        covariance : (3, 3)
-            Under which the motion is the most likely one.
-        cover : (3, 3)
-            Which the rotation may really have.
-
-        Returns
-        -------
-        values : (6,)
-        noise : (6, 6)
-            Their covariance from the displacements,
-        rotation : (6, 6)
-            from what is not known of the rotation,
-        inverse : (6, 6)
-            and what turns a right side of the normal equations into a change of the values.
+        `tilt` (2, 2) is the covariance of straight down, or None where that is exact.
         """
-        precision = np.zeros((6, 6))
-        precision[3:, 3:] = np.linalg.inv(covariance)
+        normal, right = self._whole(tilt is not None)
+        normal[range(3, 6), range(3, 6)] += _ANY
+        if tilt is not None:
+            normal[6:, 6:] += np.linalg.inv(tilt)
+        inverse = np.linalg.inv(normal)
+        return inverse[3:6] @ right, inverse[3:6, 3:6]
+
+    def _whole(self, tilted: bool) -> tuple[F64, F64]:
+        """Normal equations of the displacements alone, for the motion and for straight down where it is not exact."""
+        if not tilted:
+            return self.normal.copy(), self.right
+        count = len(self.responses)
+        down = self.responses[-2:]
+        normal = np.zeros((8, 8))
+        normal[:6, :6] = self.normal
+        normal[6:, :6] = down[:, :6]
+        normal[:6, 6:] = down[:, :6].T
+        normal[6:, 6:] = down[:, 7 + count - 2 :]
+        return normal, np.concatenate([self.right, down[:, 6] + down[:, :6] @ self.values])
+
+    def known(self, prior: Prior) -> Known:
+        """Give the motion under what is known of rotation and straight down."""
+        tilted = len(prior.mean) == 5
+        normal, right = self._whole(tilted)
+        size = len(right)
+        precision = np.zeros((size, size))
+        precision[3:, 3:] = np.linalg.inv(prior.covariance)
         precision[range(3), range(3)] = 1e-4
-        inverse = np.linalg.inv(self.normal + precision)
-        at = np.concatenate([np.zeros(3), mean])
-        values = inverse @ (self.right + precision @ at)
-        noise = inverse @ self.normal @ inverse
+        inverse = np.linalg.inv(normal + precision)
+        at = np.concatenate([np.zeros(3), prior.mean])
         told = inverse[:, 3:] @ precision[3:, 3:]
-        return values, noise, told @ cover @ told.T, inverse
+        lens = self.responses[: len(self.responses) - (2 if tilted else 0)]
+        sides = lens[:, :6]
+        if tilted:
+            sides = np.hstack([sides, lens[:, 7 + len(self.responses) - 2 :]])
+        return Known(
+            values=inverse @ (right + precision @ at),
+            noise=inverse @ normal @ inverse,
+            rotation=told[:, :3] @ prior.cover[:3, :3] @ told[:, :3].T,
+            both=told @ prior.cover @ told.T,
+            changes=-(inverse[:3] @ sides.T).T,
+        )
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of rotation (3) and, where it is not exact, of straight down (2).
+
+    `covariance` is that under which the motion is the most likely one, `cover` that which may really be.
+    """
+
+    mean: F64
+    covariance: F64
+    cover: F64
+
+    @classmethod
+    def of(cls, covariance: F64, cover: F64, tilt: F64 | None, at: F64) -> Prior:
+        """Put together; straight down was carried by the rotation, so that an error of it turns both."""
+        if tilt is None:
+            return cls(np.zeros(3), covariance, cover)
+
+        def joined(rotation: F64) -> F64:
+            whole = np.zeros((5, 5))
+            whole[:3, :3] = rotation
+            whole[3:, 3:] = tilt
+            # What the carrying itself put into the tilt goes together with the rotation.
+            share = np.minimum(np.diag(rotation)[:2], 0.5 * np.diag(tilt))
+            whole[[0, 1], [3, 4]] = whole[[3, 4], [0, 1]] = -share
+            return whole
+
+        return cls(np.concatenate([np.zeros(3), at]), joined(covariance), joined(cover))
+
+
+@dataclass(frozen=True)
+class Known:
+    """A motion under what is known: `values` (6 or 8,): way, rotation, and tilt.
+
+    `noise` is its covariance from the displacements, `rotation` that from what is not known of the rotation, `both` that
+    from rotation and tilt. `changes` (N, 3) are those of the way for one unit of each number of the lens.
+    """
+
+    values: F64
+    noise: F64
+    rotation: F64
+    both: F64
+    changes: F64
+
+    @property
+    def covariance(self) -> F64:
+        """Of all values."""
+        return self.noise + self.both
 
 
 class Follower:

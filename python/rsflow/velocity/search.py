@@ -96,9 +96,7 @@ def find(task: Task, led: Sequence[float] | None) -> Found:
         fitted = task.follower.fit(task.interval, matches, task.covariance)
         if fitted is not None and np.isfinite(fitted.values).all():
             led = fitted.values.tolist()
-            sought = task.follower.motion(
-                task.interval, led, task.covariance, levels=_LED, numbers=task.numbers
-            )
+            sought = task.follower.motion(task.interval, led, task.covariance, levels=_LED, numbers=task.numbers)
             best = _better(best, sought)
     return _judged(best, status, related)
 

@@ -34,7 +34,9 @@ const NOISE_GRADIENT: f64 = 0.19;
 /// Least part of a tile's gradients that must not be noise.
 const LEAST_TRUE: f64 = 0.05;
 /// Correlation of both frames above which a tile shows the same in both.
-pub(super) const MATCHED: f64 = 0.35;
+const MATCHED: f64 = 0.35;
+/// So does one that is left with no more than this much of what noise leaves.
+const AS_NOISE: f64 = 2.0;
 /// Steps below this, in pixels, end the rounds.
 const SETTLED_PX: f64 = 0.004;
 /// Rounds on a coarse level and on the finest one.
@@ -77,6 +79,12 @@ pub(super) struct Seen {
 }
 
 impl Seen {
+    /// Whether both frames show the same there, as far as noise lets it be seen.
+    pub(super) fn is_matched(&self, noise: f64) -> bool {
+        let quiet = |solved: &Solved| solved.left < AS_NOISE * noise;
+        self.correlation >= MATCHED || self.solved.as_ref().is_some_and(quiet)
+    }
+
     pub(super) fn measured(&self) -> Option<[f64; 2]> {
         let solved = self.solved?;
         Some(std::array::from_fn(|k| {
@@ -404,30 +412,43 @@ impl Followed {
         (sum / self.equations.len().max(1) as f64).sqrt()
     }
 
-    /// How the motion changes with a number that displaces each tile by what `by` says of it.
-    pub(super) fn response(&self, by: impl Fn(&Seen) -> Option<[f64; 2]>) -> PlaneResponse {
-        let mut response = PlaneResponse::default();
+    /// What numbers do that displace each tile by what `by` says of a number and a tile.
+    pub(super) fn responses(
+        &self,
+        count: usize,
+        by: impl Fn(usize, &Seen) -> Option<[f64; 2]>,
+    ) -> Vec<PlaneResponse> {
         let variance = self.step.scale.powi(2);
-        for ((equation, index), weight) in
-            (self.equations.iter().zip(&self.places)).zip(&self.step.weights)
-        {
-            if *weight == 0.0 {
-                continue;
-            }
-            let Some(moved) = by(&self.tiles[*index]) else {
-                continue;
-            };
-            let informed = equation
-                .informed(moved)
-                .map(|value| weight / variance * value);
-            for (k, value) in response.right.iter_mut().enumerate() {
-                *value += equation.slopes[0][k] * informed[0] + equation.slopes[1][k] * informed[1];
-            }
-            let left = equation.left(&self.step.step);
-            response.score += informed[0] * left[0] + informed[1] * left[1];
-            response.curvature += informed[0] * moved[0] + informed[1] * moved[1];
-        }
-        response
+        let moved: Vec<Vec<[f64; 2]>> = (0..count)
+            .map(|number| {
+                let tiles = self.places.iter().map(|index| &self.tiles[*index]);
+                tiles
+                    .map(|tile| by(number, tile).unwrap_or_default())
+                    .collect()
+            })
+            .collect();
+        moved
+            .iter()
+            .map(|own| {
+                let mut response = PlaneResponse {
+                    curvature: vec![0.0; count],
+                    ..PlaneResponse::default()
+                };
+                for (place, equation) in self.equations.iter().enumerate() {
+                    let weight = self.step.weights[place] / variance;
+                    let [x, y] = equation.informed(own[place]).map(|value| weight * value);
+                    for (k, value) in response.right.iter_mut().enumerate() {
+                        *value += equation.slopes[0][k] * x + equation.slopes[1][k] * y;
+                    }
+                    let left = equation.left(&self.step.step);
+                    response.score += x * left[0] + y * left[1];
+                    for (value, other) in response.curvature.iter_mut().zip(&moved) {
+                        *value += x * other[place][0] + y * other[place][1];
+                    }
+                }
+                response
+            })
+            .collect()
     }
 
     /// Normal matrix of the unknowns, of the displacements alone.

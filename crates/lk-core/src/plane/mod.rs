@@ -163,17 +163,17 @@ pub enum PlaneNumber {
 }
 
 /// What one unit of a number does to the displacements of a plane.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 #[non_exhaustive]
 pub struct PlaneResponse {
     /// The right side of the normal equations: with the knowledge of the rotation added to the normal matrix, minus its
     /// inverse times this is the change of the motion.
     pub right: PlaneMotion,
-    /// How much what the displacements leave looks like the number, and how much one unit of it would: an estimate of
-    /// how much the number is off is the first divided by the second, less what the motion takes of it.
+    /// How much what the displacements leave looks like the number.
     pub score: f64,
-    /// See [`PlaneResponse::score`].
-    pub curvature: f64,
+    /// How much one unit of each of the numbers would look like this one: with the motion's normal matrix and `right`,
+    /// this makes the normal matrix of both, with `score` on its right side.
+    pub curvature: Vec<f64>,
 }
 
 /// A motion, what it was found from, and what it is worth.

@@ -1,7 +1,7 @@
 //! The motion over a plane through a sequence of frames.
 
 use super::fit::Known;
-use super::follow::{Followed, MATCHED, Seen, Task};
+use super::follow::{Followed, Seen, Task};
 use super::lens::Lens;
 use super::motion::{PlaneInterval, PlaneMotion, View, norm, rotate, rotation};
 use super::{
@@ -151,7 +151,7 @@ fn result(task: &Task<'_>, followed: &Followed, numbers: &[PlaneNumber]) -> Plan
         tile.residual = equation.left(&step.step);
         tile.information = equation.information;
         tile.weight = *weight;
-        tile.status = if seen.correlation < MATCHED {
+        tile.status = if !seen.is_matched(followed.noise) {
             PlaneTileStatus::Unmatched
         } else if *weight > 0.0 {
             PlaneTileStatus::Plane
@@ -163,15 +163,10 @@ fn result(task: &Task<'_>, followed: &Followed, numbers: &[PlaneNumber]) -> Plan
             tile.status = PlaneTileStatus::Fixed;
         }
     }
-    let rows = task.frames[0].levels()[0].height();
-    let responses = numbers
-        .iter()
-        .map(|number| response(task, followed, rows, *number))
-        .collect();
     PlaneFit {
         motion: followed.motion,
         normal: followed.normal(),
-        responses,
+        responses: responses(task, followed, numbers),
         scale: step.scale,
         residual: followed.noise.max(0.0).sqrt(),
         correlation: followed.correlation(),
@@ -197,44 +192,53 @@ fn unweighed(seen: &Seen) -> PlaneTile {
     }
 }
 
-/// The effect of one number on the motion.
-fn response(
-    task: &Task<'_>,
-    followed: &Followed,
-    rows: usize,
-    number: PlaneNumber,
-) -> PlaneResponse {
+/// The camera and what is known of it with one number changed, and by how much; none for a number that is none.
+fn varied(task: &Task<'_>, number: PlaneNumber) -> Option<(Lens, PlaneInterval, f64)> {
     let mut lens = *task.lens;
     let mut interval = *task.interval;
     let by = match number {
         PlaneNumber::Lens(which) => {
             if which >= lens.numbers() {
-                return PlaneResponse::default();
+                return None;
             }
             let by = VARIED[usize::from(which >= 4)];
             lens = lens.varied(which, by);
             by
         }
         PlaneNumber::Down(axis) => {
-            let by = VARIED[0];
             let mut turn = [0.0; 3];
-            turn[axis.min(1)] = by;
+            turn[axis.min(1)] = VARIED[0];
             let turned = rotate(&rotation(turn), interval.down);
             let length = norm(turned);
             interval.down = turned.map(|value| value / length);
-            by
+            VARIED[0]
         }
         PlaneNumber::Readout => {
             interval.readout += VARIED[0];
             VARIED[0]
         }
     };
+    Some((lens, interval, by))
+}
+
+/// What each number does to the displacements.
+fn responses(task: &Task<'_>, followed: &Followed, numbers: &[PlaneNumber]) -> Vec<PlaneResponse> {
+    let rows = task.frames[0].levels()[0].height();
     let base = View::new(task.lens, task.interval, rows, &followed.motion);
-    let other = View::new(&lens, &interval, rows, &followed.motion);
-    followed.response(|seen| {
-        let [[p, q], [r, s]] = [base.places(seen.middle)?, other.places(seen.middle)?];
+    let changed: Vec<_> = numbers.iter().map(|number| varied(task, *number)).collect();
+    let views: Vec<_> = changed
+        .iter()
+        .map(|changed| {
+            changed
+                .as_ref()
+                .map(|(lens, interval, by)| (View::new(lens, interval, rows, &followed.motion), by))
+        })
+        .collect();
+    followed.responses(numbers.len(), |number, seen| {
+        let (view, by) = views[number].as_ref()?;
+        let [[p, q], [r, s]] = [base.places(seen.middle)?, view.places(seen.middle)?];
         Some(std::array::from_fn(|k| {
-            ((s[k] - r[k]) - (q[k] - p[k])) / by
+            ((s[k] - r[k]) - (q[k] - p[k])) / **by
         }))
     })
 }

@@ -1,0 +1,289 @@
+"""From two frames and what is known of the camera to a velocity: the steps of `VelocityEstimator`, in their order.
+
+docs/algorithms.md, section "Velocity over a plane: VelocityEstimator".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._rotation import rotation_matrix
+from ..camera.model import Camera
+from . import budget, plane, search
+from .attitude import Attitude
+from .height import HeightKeeper
+from .result import Velocity, VelocityStatus, unmeasured
+from .rotation import RotationModel
+from .watch import Watch
+
+F64 = NDArray[np.float64]
+
+# Deviation in pixels of what all tiles of a pair have in common, since all lie at one sub-pixel phase: the error of
+# interpolation does not average out. Measured on flights over the finest texture.
+_COMMON_PX = 0.0003
+# A velocity leads on to the next frames for so long.
+_LEADS_S = 0.5
+# A parameter is demanded where it differs from zero by this many of its own standard deviations.
+_DEMANDED = 3.0
+# Where the pictures tilt the ground by more than this, in radians, the frames are laid over each other again.
+_TILTED_RAD = 0.03
+_AGAIN = 3
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What `VelocityEstimator` was told once and for all; see there."""
+
+    camera: Camera
+    mask: NDArray[np.bool_] | None
+    R_body_from_camera: F64
+    lever_arm_m: F64
+    height_std_m: float | None
+    rate_std_rad_s: float | None
+    rate_delay_std_s: float | None
+    dt_std_s: float | None
+    readout_s: float
+    down_std_rad: float | None
+    max_height_gap_s: float
+
+    def unstated(self) -> tuple[str, ...]:
+        """Name what the covariance leaves out, since nobody said how exact it is."""
+        std = self.camera.std
+        known = {
+            "height": self.height_std_m is not None,
+            "focal length": "fx" in std and "fy" in std,
+            "principal point": "cx" in std and "cy" in std,
+        }
+        return tuple(name for name, stated in known.items() if not stated)
+
+
+@dataclass(frozen=True)
+class Told:
+    """What came with a frame: its time, height with deviation, rate in the body's axes, down in the camera's."""
+
+    t_s: float
+    height_m: float
+    height_std_m: float
+    rate: F64 | None
+    down: F64 | None
+
+
+class Chain:
+    """Everything that is known from frame to frame."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._follower = plane.Follower(settings.camera)
+        self._lens = budget.wanted(settings.camera)
+        self.prev: NDArray[Any] | None = None
+        self.prev_t_s = np.nan
+        self.rotation = RotationModel(settings.rate_std_rad_s, settings.rate_delay_std_s)
+        self._attitude = Attitude(settings.down_std_rad)
+        self._heights = HeightKeeper(settings.max_height_gap_s)
+        self._watch = Watch()
+        # The last way in heights a second and rate in rad/s, in the camera's axes, and when they were.
+        self._led: tuple[float, F64, F64] | None = None
+
+    def step(self, image: NDArray[Any], told: Told) -> Velocity:
+        """Take the next frame."""
+        prev, before = self.prev, self.prev_t_s
+        if prev is None:
+            self._take(image, told.t_s)
+            self._attitude.tell(told.down)
+            self._heights.at_first(told.height_m, told.height_std_m, told.t_s)
+            return unmeasured(VelocityStatus.FIRST_FRAME, told.t_s, np.nan)
+        dt = told.t_s - before
+        if not dt > 0:
+            self._take(image, told.t_s)
+            self._attitude.tell(told.down)
+            self.rotation.forget_rate()
+            return unmeasured(VelocityStatus.TIME_NOT_INCREASING, told.t_s, dt)
+        if np.array_equal(prev, image):
+            # The next frame is compared with the one before, over both intervals.
+            return unmeasured(VelocityStatus.REPEATED_FRAME, told.t_s, dt)
+        self._take(image, told.t_s)
+        return self._measure(prev, before, told)
+
+    def _take(self, image: NDArray[Any], t_s: float) -> None:
+        self.prev, self.prev_t_s = np.array(image, copy=True), t_s
+        self._follower.push(self.prev, self._settings.mask)
+
+    def _told_rotation(self, told: Told, downs: tuple[F64 | None, F64 | None], dt: float) -> tuple[str, F64, F64]:
+        """What tells the rotation, its vector in the camera's axes, and the axes in which its errors are learned."""
+        R = self._settings.R_body_from_camera
+        if told.rate is not None:
+            return "gyro", R.T @ (told.rate + self.rotation.correction(told.rate, dt)) * dt, np.eye(3)
+        self.rotation.forget_rate()
+        first, second = downs
+        if first is None or second is None:
+            return "none", np.zeros(3), np.eye(3)
+        # The smallest turn that carries one into the other; about themselves they tell nothing.
+        across = np.cross(second, first)
+        sine = float(np.linalg.norm(across))
+        angle = float(np.arctan2(sine, second @ first))
+        turn = across * (angle / sine if sine > 1e-12 else 1.0)
+        side = np.cross(second, (0.0, 1.0, 0.0) if abs(second[1]) < 0.9 else (1.0, 0.0, 0.0))
+        side = side / np.linalg.norm(side)
+        return "attitude", turn, np.stack([side, np.cross(second, side), second]) @ R.T
+
+    def _measure(self, prev: NDArray[Any], before: float, told: Told) -> Velocity:
+        settings, t_s = self._settings, told.t_s
+        dt = t_s - before
+        R = settings.R_body_from_camera
+        assert self.prev is not None
+        source, turn, axes = self._told_rotation(told, self._attitude.tell(told.down), dt)
+        expected = self.rotation.expected(source, axes)
+        cover = (R.T @ expected.cover @ R) * dt**2
+        led = None
+        if self._led is not None and t_s - self._led[0] <= _LEADS_S:
+            led = np.concatenate([self._led[1] * dt, self._led[2] * dt - turn if source == "none" else np.zeros(3)])
+        turned = turn if source != "none" or led is None else led[3:]
+        down, tilt = self._attitude.carry(turned, cover, dt)
+        exact = not tilt.any()
+        numbers = self._lens if exact else (*self._lens, plane.DOWN_X, plane.DOWN_Y)
+        interval = plane.Interval(turn, down, dt, settings.readout_s / dt)
+        task = search.Task(settings.camera, self._follower, prev, self.prev, settings.mask, interval, cover, numbers)
+        found = search.find(task, None if led is None else led.tolist())
+        motion = found.motion
+        if motion is None:
+            self._led = None
+            status = found.status if sees_ground(settings.camera, down) else VelocityStatus.NO_GROUND
+            return unmeasured(status, t_s, dt)
+        moved, count = motion.moved_px(), int(np.count_nonzero(motion.plane))
+        expected_px = None if led is None else -led[:2] * (settings.camera.fx, settings.camera.fy)
+        if self._watch.is_repeated(motion.residual, moved, expected_px):
+            self.prev, self.prev_t_s = prev, before
+            self._follower.take_back()
+            return unmeasured(VelocityStatus.REPEATED_FRAME, t_s, dt, moved, count)
+        if search.second_motion(task, motion):
+            self._led = None
+            return unmeasured(VelocityStatus.TWO_MOTIONS, t_s, dt, moved, count)
+        tilt_or_none = None if exact else tilt
+        shown, spread = motion.rotation(tilt_or_none)
+        self.rotation.learn(source, axes, R @ shown / dt, R @ spread @ R.T / dt**2, dt)
+        expected = self.rotation.expected(source, axes)
+        inside, cover = ((R.T @ part @ R) * dt**2 for part in (expected.covariance, expected.cover))
+        at = np.zeros(2)
+        known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at))
+        for _ in range(_AGAIN):
+            if exact or np.abs(known.values[6:]).max() < _TILTED_RAD:
+                break
+            # Far from where it was taken to be: from there on again.
+            by = known.values[6:]
+            at = at - by
+            interval = plane.Interval(turn, rotation_matrix([by[0], by[1], 0.0]) @ interval.down, dt, interval.readout)
+            again = self._follower.motion(interval, known.values[:6].tolist(), cover, numbers=numbers)
+            if again is None or not again.settled:
+                break
+            motion = again
+            known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at))
+        return self._told_velocity((before, told), (turn, interval), motion, known, source, exact)
+
+    def _told_velocity(
+        self,
+        times: tuple[float, Told],
+        turns: tuple[F64, plane.Interval],
+        motion: plane.Motion,
+        known: plane.Known,
+        source: str,
+        exact: bool,
+    ) -> Velocity:
+        """Give the velocity of a motion, with its covariance by cause."""
+        settings, (before, told), (turn, interval) = self._settings, times, turns
+        dt, R = told.t_s - before, settings.R_body_from_camera
+        way, total = known.values[:3], known.covariance
+        if not exact:
+            self._attitude.correct(interval.down, known.values[6:], total[6:, 6:])
+        down = self._attitude.down
+        moved, count = motion.moved_px(), int(np.count_nonzero(motion.plane))
+        rise_std = float(np.sqrt(max(down @ total[:3, :3] @ down, 0.0)))
+        height, doubt = self._heights.at(told.height_m, told.height_std_m, told.t_s, float(down @ way), rise_std)
+        turning = turn + known.values[3:6]
+        self._led = (told.t_s, way / dt, turning / dt)
+        size = float(np.hypot(*way[:2]))
+        flat_std = float(np.sqrt(np.trace(total[:2, :2]) / 2))
+        self._watch.add(motion.residual, size / dt, flat_std / dt, size, dt)
+        if height is None:
+            return unmeasured(VelocityStatus.NO_HEIGHT, told.t_s, dt, moved, count)
+        per_way = height.height_m / dt
+        velocity = way * per_way
+        square = np.outer(velocity, velocity)
+        common = np.array([_COMMON_PX / settings.camera.fx, _COMMON_PX / settings.camera.fy, 0.0])
+        parts = {
+            "displacement": (known.noise[:3, :3] + np.diag(common**2)) * per_way**2,
+            "gyro" if source == "gyro" else "rotation": known.rotation[:3, :3] * per_way**2,
+        }
+        if not exact:
+            parts["attitude"] = (known.both - known.rotation)[:3, :3] * per_way**2
+        if settings.height_std_m is not None or height.std_m > 0:
+            parts["height"] = square * (height.std_m / height.height_m) ** 2
+        parts |= budget.of_lens(settings.camera, self._lens, known.changes, per_way)
+        dt_std, jitter = settings.dt_std_s, ""
+        if dt_std is None:
+            dt_std = self._watch.dt_std_s()
+            jitter = f"times jitter by {1e3 * dt_std:.2g} ms against a steady flow" if dt_std else ""
+        if dt_std > 0:
+            parts["time"] = square * (dt_std / dt) ** 2
+        parts = budget.rotated(R, parts)
+        covariance = np.asarray(sum(parts.values()), dtype=np.float64)
+        rate, rate_covariance = R @ turning / dt, R @ total[3:6, 3:6] @ R.T / dt**2
+        body = R @ velocity
+        straight = R @ down
+        yaw, yaw_std = float(rate @ straight), float(np.sqrt(max(straight @ rate_covariance @ straight, 0.0)))
+        terms: tuple[str, ...] = ("vx", "vy")
+        if abs(body[2]) > _DEMANDED * np.sqrt(covariance[2, 2]):
+            terms += ("vz",)
+        if told.rate is None and abs(yaw) > _DEMANDED * yaw_std:
+            terms += ("yaw",)
+        arm = np.cross(rate, settings.lever_arm_m) if settings.lever_arm_m.any() else np.zeros(3)
+        return Velocity(
+            t_s=told.t_s,
+            dt_s=dt,
+            vx_m_s=float(body[0]),
+            vy_m_s=float(body[1]),
+            vz_m_s=float(body[2]),
+            covariance=covariance,
+            status=VelocityStatus.OK,
+            n_points=count,
+            dx_px=float(moved[0]),
+            dy_px=float(moved[1]),
+            terms=terms,
+            yaw_rate_rad_s=yaw,
+            origin_velocity_m_s=body - arm,
+            parts=parts,
+            unstated=settings.unstated(),
+            rate_rad_s=rate,
+            rate_covariance=rate_covariance,
+            height_m=height.height_m,
+            height_std_m=height.std_m,
+            doubts=tuple(text for text in (doubt, jitter) if text),
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Everything that is known, to be kept."""
+        kept: dict[str, Any] = {"prev": self.prev, "prev_t_s": self.prev_t_s, "led": self._led}
+        return kept | {name: getattr(self, name).state() for name in _PARTS}
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Take over what `state` gave."""
+        if kept["prev"] is not None:
+            self._take(kept["prev"], float(kept["prev_t_s"]))
+        self._led = kept["led"]
+        for name in _PARTS:
+            getattr(self, name).restore(kept[name])
+
+
+_PARTS = ("rotation", "_attitude", "_heights", "_watch")
+
+
+def sees_ground(camera: Camera, down: F64) -> bool:
+    """Whether at least half of the picture shows what lies less than 80 degrees from straight down."""
+    x, y = np.meshgrid(np.linspace(0, camera.width - 1, 9), np.linspace(0, camera.height - 1, 9))
+    rays = camera.undistort_points(np.column_stack([x.ravel(), y.ravel()]), normalized=True).astype(np.float64)
+    length = np.sqrt(1.0 + np.sum(rays * rays, axis=1))
+    with np.errstate(invalid="ignore"):
+        return bool(np.mean((rays @ down[:2] + down[2]) / length > 0.17) >= 0.5)
