@@ -45,12 +45,12 @@ type Found<'py> = (
     (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<u8>>),
 );
 
-/// What is known of the camera between two frames: turn, down, readout; where to begin; levels; what is known of the
+/// What is known of the camera between two frames: turn, down, readout, growth; where to begin; levels; what is known of the
 /// rotation, and its covariance; numbers whose effect is wanted: of the lens from 0 on, -1 and -2 for down, -3
 /// for the readout.
 #[derive(FromPyObject)]
 struct Task(
-    ([f64; 3], [f64; 3], f64),
+    ([f64; 3], [f64; 3], f64, [f64; 3]),
     PlaneMotion,
     usize,
     ([f64; 3], [[f64; 3]; 3]),
@@ -59,7 +59,8 @@ struct Task(
 
 impl Task {
     fn taken(self) -> (PlaneInterval, PlaneMotion, PlaneOptions) {
-        let Self((turn, down, readout), start, levels, (rotation, covariance), numbers) = self;
+        let Self((turn, down, readout, growth), start, levels, (rotation, covariance), numbers) =
+            self;
         let numbers = numbers
             .into_iter()
             .map(|number| match number {
@@ -72,7 +73,8 @@ impl Task {
         let interval = PlaneInterval::default()
             .turn(turn)
             .down(down)
-            .rolling_shutter(readout);
+            .rolling_shutter(readout)
+            .growth(growth);
         let options = PlaneOptions::default()
             .levels(levels)
             .rotation(rotation)

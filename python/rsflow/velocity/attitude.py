@@ -15,6 +15,8 @@ F64 = NDArray[np.float64]
 _LEVEL_RAD = 0.02
 # How fast straight down walks from where it is carried, in radians per root of a second.
 _WALK_RAD = 1e-3
+# It is never known better than this: the pictures' own errors are not those of chance alone.
+_LEAST_RAD = 7e-4
 
 
 class Attitude:
@@ -35,7 +37,7 @@ class Attitude:
         self.told: F64 | None = None
 
     def tell(self, down: F64 | None) -> tuple[F64 | None, F64 | None]:
-        """Take straight down (3,) at a frame, None where nobody tells; give what was told at the frame before and now."""
+        """Take straight down (3,) at a frame, None where nobody tells; give what was told before and now."""
         before, self.told = self.told, down
         if down is not None:
             self.down = down
@@ -46,7 +48,7 @@ class Attitude:
         """Give straight down, and its covariance, after the camera turned by `turn` (3,), in radians."""
         if self.told is not None:
             return self.down, self.covariance
-        spread = self.covariance + covariance[:2, :2] + _WALK_RAD**2 * dt_s * np.eye(2)
+        spread = self.covariance + covariance[:2, :2] + (_WALK_RAD**2 * dt_s + _LEAST_RAD**2) * np.eye(2)
         return rotation_matrix(-turn) @ self.down, spread
 
     def correct(self, down: F64, by: F64, covariance: F64) -> None:

@@ -16,15 +16,18 @@ from ..camera.model import Camera
 from . import budget, plane, search
 from .attitude import Attitude
 from .height import HeightKeeper
+from .others import second_motion
+from .pattern import FixedPattern
 from .result import Velocity, VelocityStatus, unmeasured
 from .rotation import RotationModel
+from .task import Task
 from .watch import Watch
 
 F64 = NDArray[np.float64]
 
 # Deviation in pixels of what all tiles of a pair have in common, since all lie at one sub-pixel phase: the error of
 # interpolation does not average out. Measured on flights over the finest texture.
-_COMMON_PX = 0.0003
+_COMMON_PX = 0.00015
 # A velocity leads on to the next frames for so long.
 _LEADS_S = 0.5
 # A parameter is demanded where it differs from zero by this many of its own standard deviations.
@@ -32,6 +35,8 @@ _DEMANDED = 3.0
 # Where the pictures tilt the ground by more than this, in radians, the frames are laid over each other again.
 _TILTED_RAD = 0.03
 _AGAIN = 3
+# So they are where the rotation grew, over the time from the first row to the last, by this much more, in radians.
+_GROWN_RAD = 3e-5
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,7 @@ class Chain:
         self._attitude = Attitude(settings.down_std_rad)
         self._heights = HeightKeeper(settings.max_height_gap_s)
         self._watch = Watch()
+        self._pattern = FixedPattern()
         # The last way in heights a second and rate in rad/s, in the camera's axes, and when they were.
         self._led: tuple[float, F64, F64] | None = None
 
@@ -113,7 +119,7 @@ class Chain:
         self._follower.push(self.prev, self._settings.mask)
 
     def _told_rotation(self, told: Told, downs: tuple[F64 | None, F64 | None], dt: float) -> tuple[str, F64, F64]:
-        """What tells the rotation, its vector in the camera's axes, and the axes in which its errors are learned."""
+        """Give what tells the rotation, its vector in the camera's axes, and the axes in which errors are learned."""
         R = self._settings.R_body_from_camera
         if told.rate is not None:
             return "gyro", R.T @ (told.rate + self.rotation.correction(told.rate, dt)) * dt, np.eye(3)
@@ -145,8 +151,11 @@ class Chain:
         down, tilt = self._attitude.carry(turned, cover, dt)
         exact = not tilt.any()
         numbers = self._lens if exact else (*self._lens, plane.DOWN_X, plane.DOWN_Y)
-        interval = plane.Interval(turn, down, dt, settings.readout_s / dt)
-        task = search.Task(settings.camera, self._follower, prev, self.prev, settings.mask, interval, cover, numbers)
+        readout = settings.readout_s / dt
+        rate_before = None if self._led is None or not readout else self._led[2] * dt
+        growth = np.zeros(3) if rate_before is None or source != "gyro" else turn - rate_before
+        interval = plane.Interval(turn, down, dt, readout, growth)
+        task = Task(settings.camera, self._follower, prev, self.prev, settings.mask, interval, cover, numbers)
         found = search.find(task, None if led is None else led.tolist())
         motion = found.motion
         if motion is None:
@@ -159,9 +168,11 @@ class Chain:
             self.prev, self.prev_t_s = prev, before
             self._follower.take_back()
             return unmeasured(VelocityStatus.REPEATED_FRAME, t_s, dt, moved, count)
-        if search.second_motion(task, motion):
+        if second_motion(task, motion):
             self._led = None
             return unmeasured(VelocityStatus.TWO_MOTIONS, t_s, dt, moved, count)
+        if self._pattern.hides(prev, self.prev, moved, settings.mask):
+            return unmeasured(VelocityStatus.NO_TEXTURE, t_s, dt, moved, count)
         tilt_or_none = None if exact else tilt
         shown, spread = motion.rotation(tilt_or_none)
         self.rotation.learn(source, axes, R @ shown / dt, R @ spread @ R.T / dt**2, dt)
@@ -170,12 +181,16 @@ class Chain:
         at = np.zeros(2)
         known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at))
         for _ in range(_AGAIN):
-            if exact or np.abs(known.values[6:]).max() < _TILTED_RAD:
+            by = np.zeros(2) if exact else known.values[6:]
+            if rate_before is not None:
+                growth = turn + known.values[3:6] - rate_before
+            grown = float(np.abs(growth - interval.growth).max()) * abs(readout)
+            if np.abs(by).max() < _TILTED_RAD and grown < _GROWN_RAD:
                 break
             # Far from where it was taken to be: from there on again.
-            by = known.values[6:]
             at = at - by
-            interval = plane.Interval(turn, rotation_matrix([by[0], by[1], 0.0]) @ interval.down, dt, interval.readout)
+            tilted = rotation_matrix([by[0], by[1], 0.0]) @ interval.down
+            interval = plane.Interval(turn, tilted, dt, readout, growth)
             again = self._follower.motion(interval, known.values[:6].tolist(), cover, numbers=numbers)
             if again is None or not again.settled:
                 break
@@ -277,7 +292,7 @@ class Chain:
             getattr(self, name).restore(kept[name])
 
 
-_PARTS = ("rotation", "_attitude", "_heights", "_watch")
+_PARTS = ("rotation", "_attitude", "_heights", "_watch", "_pattern")
 
 
 def sees_ground(camera: Camera, down: F64) -> bool:

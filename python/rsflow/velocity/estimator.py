@@ -182,9 +182,9 @@ class VelocityEstimator(Shared):
     ) -> Velocity:
         """Take the next frame and measure the velocity since the one before.
 
-        What is not known at a frame (NaN; a height or range that is not above 0 or infinite, as range finders say it; a
-        direction of no length) counts as missing: a height is carried on for a while, a rate is solved for, and straight
-        down is where it was.
+        What is not known at a frame (NaN; a height or range that is not above 0 or infinite, as range finders say it;
+        a direction of no length) counts as missing: a height is carried on for a while, a rate is solved for, and
+        straight down is where it was.
 
         Parameters
         ----------

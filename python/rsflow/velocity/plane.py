@@ -6,7 +6,7 @@ docs/algorithms.md, section "Velocity over a plane: VelocityEstimator".
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +38,15 @@ class Interval:
     dt_s : float
     readout : float
         Time from the first row to the last, in intervals.
+    growth : (3,) float64
+        How much the rotation grows from one interval to the next, in radians.
     """
 
     turn: F64
     down: F64
     dt_s: float
     readout: float
+    growth: F64 = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,16 @@ class Motion:
         """Which tiles move with the plane."""
         return np.asarray(self.status == PLANE)
 
+    @property
+    def count(self) -> int:
+        """How many tiles move with the plane."""
+        return int(np.count_nonzero(self.plane))
+
+    def alike(self) -> float:
+        """Median correlation of the tiles that move with the plane."""
+        which = self.plane
+        return float(np.median(self.tiles[which, 10])) if which.any() else 0.0
+
     def moved_px(self) -> F64:
         """Median displacement of the tiles of the plane, (2,)."""
         which = self.plane
@@ -90,7 +103,7 @@ class Motion:
         return inverse[3:6] @ right, inverse[3:6, 3:6]
 
     def _whole(self, tilted: bool) -> tuple[F64, F64]:
-        """Normal equations of the displacements alone, for the motion and for straight down where it is not exact."""
+        """Give the normal equations of the displacements alone, for motion and, where not exact, straight down."""
         if not tilted:
             return self.normal.copy(), self.right
         count = len(self.responses)
@@ -147,20 +160,26 @@ class Prior:
             whole = np.zeros((5, 5))
             whole[:3, :3] = rotation
             whole[3:, 3:] = tilt
-            # What the carrying itself put into the tilt goes together with the rotation.
-            share = np.minimum(np.diag(rotation)[:2], 0.5 * np.diag(tilt))
+            # What the carrying itself put into the tilt goes together with the rotation, as far as both have it.
+            share = min(_least(rotation[:2, :2]), 0.5 * _least(tilt))
             whole[[0, 1], [3, 4]] = whole[[3, 4], [0, 1]] = -share
             return whole
 
         return cls(np.concatenate([np.zeros(3), at]), joined(covariance), joined(cover))
 
 
+def _least(covariance: F64) -> float:
+    """Give the smaller variance along any direction of a (2, 2) covariance, or nearly."""
+    (a, b), (_, c) = covariance.tolist()
+    return max(0.5 * (a + c) - float(np.hypot(0.5 * (a - c), b)), 0.0)
+
+
 @dataclass(frozen=True)
 class Known:
     """A motion under what is known: `values` (6 or 8,): way, rotation, and tilt.
 
-    `noise` is its covariance from the displacements, `rotation` that from what is not known of the rotation, `both` that
-    from rotation and tilt. `changes` (N, 3) are those of the way for one unit of each number of the lens.
+    `noise` is its covariance from the displacements, `rotation` that from what is not known of the rotation, `both`
+    that from rotation and tilt. `changes` (N, 3) are those of the way for one unit of each number of the lens.
     """
 
     values: F64
@@ -220,9 +239,9 @@ class Follower:
 def _task(
     interval: Interval, start: Sequence[float], levels: int, covariance: F64, numbers: Sequence[int]
 ) -> _core._PlaneTask:
-    turn, down = tuple(interval.turn.tolist()), tuple(interval.down.tolist())
+    turn, down, growth = (tuple(v.tolist()) for v in (interval.turn, interval.down, interval.growth))
     rows = tuple(tuple(row) for row in covariance.tolist())
-    return ((turn, down, interval.readout), tuple(start), levels, ((0.0, 0.0, 0.0), rows), list(numbers))  # type: ignore[return-value]
+    return ((turn, down, interval.readout, growth), tuple(start), levels, ((0.0, 0.0, 0.0), rows), list(numbers))  # type: ignore[return-value]
 
 
 def _motion(found: _core._PlaneFound, covariance: F64) -> Motion:

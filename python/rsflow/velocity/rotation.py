@@ -98,7 +98,7 @@ class Excess:
         return np.maximum(self.squares - self.noise, 0.0) / self.count
 
     def doubt(self) -> F64:
-        """Standard deviation of `likely` where there is no excess."""
+        """Give the standard deviation of `likely` where there is no excess."""
         if not self.count.all():
             return self.first
         return np.minimum(self.noise / self.count * np.sqrt(2.0 / self.count), self.first)
@@ -142,7 +142,7 @@ class RotationModel:
         return GyroState(self._state[:3].copy(), std[:3], float(self._state[3]), float(std[3]))
 
     def correction(self, rate: F64, dt_s: float) -> F64:
-        """What is to be added to a gyro's rate (3,), in the body's axes."""
+        """Give what is to be added to a gyro's rate (3,), in the body's axes."""
         slope = np.zeros(3) if self._rate is None else (rate - self._rate) / dt_s
         self._jacobian = np.column_stack([np.eye(3), slope])
         self._lasting = self._jacobian @ self._spread @ self._jacobian.T
@@ -177,7 +177,7 @@ class RotationModel:
         return Expected(np.zeros(3), turned(likely), turned(cover))
 
     def learn(self, source: str, axes: F64, error: F64, covariance: F64, dt_s: float) -> None:
-        """Take what the pictures alone say that the told rotation is off by, (3,) in the body's axes, and how surely."""
+        """Take what the pictures alone say that the told rotation is off by, (3,) in the body's axes."""
         if source == "gyro":
             error = self._corrected(axes, error, covariance, dt_s)
         self._excess[source].learn(axes @ error, np.einsum("ij,jk,ik->i", axes, covariance, axes), dt_s)

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._rotation import rotation_matrix
-from ..camera.model import Camera
 from ..shift import ShiftStatus
 from . import plane
+from .others import LIKELY_HEIGHTS_S, is_ambiguous
 from .result import VelocityStatus
-from .start import Turned, followed_points, whole_shift
+from .start import followed_points, whole_shift
+from .task import Task
 
 F64 = NDArray[np.float64]
 
@@ -22,43 +21,13 @@ F64 = NDArray[np.float64]
 LEAST_TILES = 6
 # Of the tiles that show something, this part moves with the plane.
 HALF = 0.5
-# Another motion that holds for this part of what holds for the plane may be that of the ground.
-_COMPARABLE = 0.6
-# On ground that repeats, motions of more heights a second than this are left out.
-_LIKELY_HEIGHTS_S = 10.0
 # Levels of the pyramid: where the motion before leads, and where the picture's shift does.
 _LED, _SOUGHT = 2, 4
-# The share of the shown tiles below which a motion that was led to is sought again from the pictures.
+# Of the tiles that show something, a motion that was led to holds for this part; one that was sought for `_MOST`, or
+# both pictures are alike wherever it holds. Pictures that have only patches in common do neither.
 _DOUBTED = 0.6
-
-
-@dataclass(frozen=True)
-class Task:
-    """Two frames, and what is known of the camera between them: `covariance` (3, 3) of the rotation beyond the told."""
-
-    camera: Camera
-    follower: plane.Follower
-    prev: NDArray[Any]
-    image: NDArray[Any]
-    mask: NDArray[np.bool_] | None
-    interval: plane.Interval
-    covariance: F64
-    numbers: tuple[int, ...]
-
-    def turned(self) -> Turned | None:
-        """Where the told rotation alone puts pixels; None without one."""
-        if not self.interval.turn.any():
-            return None
-        by = rotation_matrix(-self.interval.turn)
-
-        def to(pixels: F64) -> F64:
-            rays = self.camera.undistort_points(pixels, normalized=True).astype(np.float64)
-            x = rays @ by[:, :2].T + by[:, 2]
-            with np.errstate(divide="ignore", invalid="ignore"):
-                x = x[:, :2] / np.where(x[:, 2] > 1e-9, x[:, 2], np.nan)[:, None]
-            return np.asarray(self.camera.distort_points(x, normalized=True), dtype=np.float64)
-
-        return to
+_MOST = 0.8
+_ALIKE = 0.97
 
 
 @dataclass(frozen=True)
@@ -77,7 +46,7 @@ def find(task: Task, led: Sequence[float] | None) -> Found:
         if best is not None and _holds(best, _DOUBTED):
             return Found(best, VelocityStatus.OK)
     turned = task.turned()
-    longest = task.camera.fx * _LIKELY_HEIGHTS_S * task.interval.dt_s
+    longest = task.camera.fx * LIKELY_HEIGHTS_S * task.interval.dt_s
     shift, status = whole_shift(task.prev, task.image, turned, task.mask, longest)
     if status is ShiftStatus.AMBIGUOUS:
         return Found(None, VelocityStatus.AMBIGUOUS)
@@ -89,8 +58,8 @@ def find(task: Task, led: Sequence[float] | None) -> Found:
             task.interval, [*way.tolist(), 0.0, 0.0, 0.0, 0.0], task.covariance, levels=_SOUGHT, numbers=task.numbers
         )
         best = _better(best, sought)
-        if best is not None and _holds(best, _DOUBTED):
-            return Found(best, VelocityStatus.OK)
+        if best is not None and _is_found(best):
+            return _sought(task, best)
     matches = followed_points(task.prev, task.image, shift if related else np.zeros(2), turned, task.mask)
     if len(matches) >= LEAST_TILES:
         fitted = task.follower.fit(task.interval, matches, task.covariance)
@@ -98,13 +67,9 @@ def find(task: Task, led: Sequence[float] | None) -> Found:
             led = fitted.values.tolist()
             sought = task.follower.motion(task.interval, led, task.covariance, levels=_LED, numbers=task.numbers)
             best = _better(best, sought)
-    return _judged(best, status, related)
-
-
-def _judged(best: plane.Motion | None, status: ShiftStatus, related: bool) -> Found:
+    if best is not None and _is_found(best):
+        return _sought(task, best)
     shown = 0 if best is None else _shown(best)
-    if best is not None and _holds(best, HALF):
-        return Found(best, VelocityStatus.OK)
     if status in (ShiftStatus.NO_TEXTURE, ShiftStatus.APERTURE, ShiftStatus.TOO_SMALL) and shown < LEAST_TILES:
         return Found(None, VelocityStatus.NO_TEXTURE)
     if not related:
@@ -112,6 +77,18 @@ def _judged(best: plane.Motion | None, status: ShiftStatus, related: bool) -> Fo
     if shown < LEAST_TILES:
         return Found(None, VelocityStatus.TOO_FEW_POINTS)
     return Found(None, VelocityStatus.INCONSISTENT)
+
+
+def _is_found(motion: plane.Motion) -> bool:
+    """Say whether a motion that nothing led to holds."""
+    return _holds(motion, _MOST) or (_holds(motion, HALF) and motion.alike() > _ALIKE)
+
+
+def _sought(task: Task, motion: plane.Motion) -> Found:
+    """Take a motion that nothing led to, if the ground does not repeat so that another one holds as well."""
+    if is_ambiguous(task, motion):
+        return Found(None, VelocityStatus.AMBIGUOUS)
+    return Found(motion, VelocityStatus.OK)
 
 
 def _shown(motion: plane.Motion) -> int:
@@ -130,26 +107,3 @@ def _better(one: plane.Motion | None, other: plane.Motion | None) -> plane.Motio
     if one is None or other is None:
         return one or other
     return other if np.count_nonzero(other.plane) > np.count_nonzero(one.plane) else one
-
-
-def second_motion(task: Task, motion: plane.Motion) -> bool:
-    """Say whether another motion holds for nearly as much of the picture: then either may be that of the ground."""
-    ground = int(np.count_nonzero(motion.plane))
-    others = motion.status > plane.LOW_TEXTURE
-    if np.count_nonzero(others) < _COMPARABLE * ground:
-        return False
-    if np.count_nonzero(motion.status == plane.FIXED) >= _COMPARABLE * ground:
-        return True
-    # Only where the picture does not move with the plane.
-    height, width = task.prev.shape
-    mask = np.zeros((height, width), np.bool_)
-    half = 0.5 * np.sqrt(height * width / max(len(motion.status), 1))
-    for x, y in motion.tiles[others, :2]:
-        top, left = max(int(y - half), 0), max(int(x - half), 0)
-        mask[top : int(y + half) + 1, left : int(x + half) + 1] = True
-    if task.mask is not None:
-        mask &= task.mask
-    shift, status = whole_shift(task.prev, task.image, None, mask, np.inf)
-    if status is not ShiftStatus.VALID:
-        return False
-    return float(np.hypot(*(shift - motion.moved_px()))) > 1.0

@@ -16,10 +16,12 @@ _FRAMES = 30
 _QUIET = 0.75
 # It does so where the motion before made it expected to move by this many pixels, and where it moved less than this.
 _EXPECTED_PX = 1.0
+# So often in a row a picture that stands still all at once is taken for one that was sent again.
+_STOPS = 4
 _STILL_PX = 0.25
 # Times are off where velocities scatter this many times more than displacements and than they should.
 _UNSTEADY = 2.5
-_LEAST_CHANGES = 8
+_LEAST_CHANGES = 3
 
 
 class Watch:
@@ -31,6 +33,7 @@ class Watch:
     def reset(self) -> None:
         """Know nothing."""
         self._residuals: list[float] = []
+        self._stops = 0
         self._steps: list[tuple[float, float, float, float]] = []
 
     def is_repeated(self, residual: float, moved: F64, expected: F64 | None) -> bool:
@@ -45,10 +48,14 @@ class Watch:
         expected : (2,), optional
             What the motion before made expected.
         """
-        if expected is None or len(self._residuals) < 2 or not np.isfinite(moved).all():
+        if expected is None or not np.isfinite(moved).all():
             return False
-        jumped = np.hypot(*moved) < _STILL_PX and np.hypot(*expected) > _EXPECTED_PX
-        return bool(jumped and residual < _QUIET * float(np.median(self._residuals)))
+        usual = float(np.median(self._residuals)) if self._residuals else 0.0
+        still = np.hypot(*moved) < _STILL_PX
+        jumped = still and np.hypot(*expected) > max(_EXPECTED_PX, 10.0 * np.hypot(*moved))
+        # A camera that really stops says so again and again.
+        self._stops = self._stops + 1 if jumped else 0
+        return bool(jumped and (residual < _QUIET * usual or self._stops <= _STOPS))
 
     def add(self, residual: float, speed: float, std: float, way: float, dt_s: float) -> None:
         """Take a frame: speed and its deviation in heights a second, way in heights."""
@@ -84,8 +91,8 @@ class Watch:
 
     def state(self) -> dict[str, Any]:
         """Everything that is known, to be kept."""
-        return {"residuals": self._residuals, "steps": self._steps}
+        return {"residuals": self._residuals, "steps": self._steps, "stops": self._stops}
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Take over what `state` gave."""
-        self._residuals, self._steps = kept["residuals"], kept["steps"]
+        self._residuals, self._steps, self._stops = kept["residuals"], kept["steps"], kept["stops"]

@@ -28,7 +28,7 @@ const VARIED: f64 = 1e-6;
 /// tell than if each stood for itself.
 const SHARED: f64 = 2.6;
 /// Standard deviation of a tile's displacement, in pixels of its level, that the residual does not show.
-const FLOOR_PX: f64 = 0.003;
+const FLOOR_PX: f64 = 0.0015;
 /// Mean square of a gradient of what is noise in the difference, as part of the mean square of that.
 const NOISE_GRADIENT: f64 = 0.19;
 /// Least part of a tile's gradients that must not be noise.

@@ -33,6 +33,8 @@ pub struct PlaneInterval {
     /// Time from the first row of a frame to its last one, divided by that between the frames. The time of a frame is
     /// that of its middle row.
     pub readout: f64,
+    /// How much the rotation grows from one interval to the next, in radians: it tells the turns between rows.
+    pub growth: [f64; 3],
 }
 
 impl Default for PlaneInterval {
@@ -41,6 +43,7 @@ impl Default for PlaneInterval {
             turn: [0.0; 3],
             down: [0.0, 0.0, 1.0],
             readout: 0.0,
+            growth: [0.0; 3],
         }
     }
 }
@@ -67,13 +70,20 @@ impl PlaneInterval {
         self
     }
 
+    /// The same with a rotation that grows by this vector from one interval to the next, in radians.
+    #[must_use]
+    pub fn growth(mut self, growth: [f64; 3]) -> Self {
+        self.growth = growth;
+        self
+    }
+
     /// Check every number.
     ///
     /// # Errors
     ///
     /// [`Error::Option`](crate::Error::Option) if a number is not finite or `down` is no unit vector.
     pub fn validate(&self) -> Result<()> {
-        for value in self.turn {
+        for value in self.turn.into_iter().chain(self.growth) {
             expect_option(value.is_finite(), "turn", value, "finite angles in radians")?;
         }
         let length = norm(self.down);
@@ -151,7 +161,7 @@ impl<'a> View<'a> {
     /// Where what is at `pixel` in the first frame is in the second.
     pub(super) fn carried(&self, pixel: [f64; 2]) -> Option<[f64; 2]> {
         let share = self.share(0, pixel[1]);
-        let back = rotation(self.turn.map(|angle| -share * angle));
+        let back = rotation(self.turned(0, share).map(|angle| -angle));
         let ray = rotate(&back, self.lens.ray(pixel)?);
         let toward = dot(self.down, ray);
         if toward <= 1e-6 {
@@ -175,6 +185,14 @@ impl<'a> View<'a> {
         if which == 0 { 0.5 - late } else { 0.5 + late }
     }
 
+    /// Rotation vector from the axes half-way to those of frame `which` at a row that is `share` of the motion away.
+    fn turned(&self, which: usize, share: f64) -> [f64; 3] {
+        let sign = if which == 0 { 1.0 } else { -1.0 };
+        // The rate grows: what it adds is even in time, and none at the frame's own time.
+        let bend = 0.5 * (share * share - 0.25);
+        std::array::from_fn(|k| sign * share * self.turn[k] - bend * self.interval.growth[k])
+    }
+
     /// The pixel of frame `which` that shows `point`, in axes and from the place half-way.
     fn seen(&self, point: [f64; 3], which: usize) -> Option<[f64; 2]> {
         let sign = if which == 0 { 1.0 } else { -1.0 };
@@ -187,10 +205,7 @@ impl<'a> View<'a> {
             // The row decides the time, and the time the row.
             for _ in 0..4 {
                 let share = self.share(which, place[1]);
-                place = at(
-                    share,
-                    &rotation(self.turn.map(|angle| sign * share * angle)),
-                )?;
+                place = at(share, &rotation(self.turned(which, share)))?;
             }
         }
         Some(place)
@@ -329,6 +344,39 @@ mod tests {
             let want = row_at(point, 1.0);
             let off = (carried[0] - want[0]).hypot(carried[1] - want[1]);
             assert!(off < 2e-4, "{off}");
+        }
+    }
+
+    #[test]
+    fn a_rotation_that_grows_is_told_between_the_rows() {
+        let lens = lens();
+        let (turn, growth, readout) = ([0.02, 0.01, 0.0], [0.006, -0.004, 0.003], 0.9);
+        // Attitude at a time in intervals from the first frame: the rate grows linearly.
+        let axes = |t: f64| {
+            let angle: [f64; 3] =
+                std::array::from_fn(|k| turn[k] * t + 0.5 * growth[k] * (t * t - t));
+            rotation(angle)
+        };
+        let row_at = |point: [f64; 3], frame: f64| {
+            let mut row = 119.5;
+            for _ in 0..60 {
+                let time = frame + readout * (row / 239.0 - 0.5);
+                row = pictured(&lens, &axes(time), [0.0, 0.0, -1.0], point)[1];
+            }
+            let time = frame + readout * (row / 239.0 - 0.5);
+            pictured(&lens, &axes(time), [0.0, 0.0, -1.0], point)
+        };
+        let interval = PlaneInterval::default()
+            .turn(turn)
+            .down(axes(1.0)[2])
+            .rolling_shutter(readout)
+            .growth(growth);
+        let view = View::new(&lens, &interval, 240, &[0.0; 6]);
+        for point in [[0.1, 0.3, 0.0], [-0.2, -0.25, 0.0], [0.3, 0.0, 0.0]] {
+            let carried = view.carried(row_at(point, 0.0)).unwrap();
+            let want = row_at(point, 1.0);
+            let off = (carried[0] - want[0]).hypot(carried[1] - want[1]);
+            assert!(off < 0.02, "{off}");
         }
     }
 }
