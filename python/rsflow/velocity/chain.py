@@ -5,7 +5,7 @@ docs/algorithms.md, section "Velocity over a plane: VelocityEstimator".
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from .attitude import Attitude
 from .height import HeightKeeper
 from .others import second_motion
 from .pattern import FixedPattern
+from .readout import Readout
 from .result import Velocity, VelocityStatus, unmeasured
 from .rotation import RotationModel
 from .task import Task
@@ -35,8 +36,10 @@ _DEMANDED = 3.0
 # Where the pictures tilt the ground by more than this, in radians, the frames are laid over each other again.
 _TILTED_RAD = 0.03
 _AGAIN = 3
-# So they are where the rotation grew, over the time from the first row to the last, by this much more, in radians.
-_GROWN_RAD = 3e-5
+# How a rotation grows is taken from so many intervals where nothing tells it: what the rows make of it comes back.
+_GROWS = 4
+# No mounting is known better than this, in radians: straight down and the axis that heights are measured along.
+_MOUNTED_RAD = 2.5e-4
 
 
 @dataclass(frozen=True)
@@ -51,9 +54,10 @@ class Settings:
     rate_std_rad_s: float | None
     rate_delay_std_s: float | None
     dt_std_s: float | None
-    readout_s: float
+    readout_s: float | None
     down_std_rad: float | None
     max_height_gap_s: float
+    max_speed_m_s: float | None
 
     def unstated(self) -> tuple[str, ...]:
         """Name what the covariance leaves out, since nobody said how exact it is."""
@@ -91,6 +95,10 @@ class Chain:
         self._heights = HeightKeeper(settings.max_height_gap_s)
         self._watch = Watch()
         self._pattern = FixedPattern()
+        self._readout = Readout(settings.readout_s)
+        # Rates in the camera's axes of the last intervals, in rad/s: as found and as told.
+        self._rates: list[F64] = []
+        self._told_rates: list[F64] = []
         # The last way in heights a second and rate in rad/s, in the camera's axes, and when they were.
         self._led: tuple[float, F64, F64] | None = None
 
@@ -136,6 +144,18 @@ class Chain:
         side = side / np.linalg.norm(side)
         return "attitude", turn, np.stack([side, np.cross(second, side), second]) @ R.T
 
+    def _growth(self, source: str, turn: F64, dt: float) -> F64:
+        """Give how much the rotation grows from one interval to the next, in radians."""
+        told, self._told_rates = self._told_rates, [*self._told_rates, turn / dt][-2:] if source == "gyro" else []
+        if source == "gyro":
+            if len(told) < 2:
+                return np.zeros(3)
+            # As it is half-way through this interval: the last change, and half of how that changes.
+            return np.asarray(1.5 * turn + (0.5 * told[0] - 2.0 * told[1]) * dt)
+        if len(self._rates) < _GROWS:
+            return np.zeros(3)
+        return np.asarray((self._rates[-1] - self._rates[0]) * (dt / (_GROWS - 1)))
+
     def _measure(self, prev: NDArray[Any], before: float, told: Told) -> Velocity:
         settings, t_s = self._settings, told.t_s
         dt = t_s - before
@@ -150,19 +170,18 @@ class Chain:
         turned = turn if source != "none" or led is None else led[3:]
         down, tilt = self._attitude.carry(turned, cover, dt)
         exact = not tilt.any()
-        numbers = self._lens if exact else (*self._lens, plane.DOWN_X, plane.DOWN_Y)
-        readout = settings.readout_s / dt
-        rate_before = None if self._led is None or not readout else self._led[2] * dt
-        growth = np.zeros(3) if rate_before is None or source != "gyro" else turn - rate_before
-        interval = plane.Interval(turn, down, dt, readout, growth)
-        task = Task(settings.camera, self._follower, prev, self.prev, settings.mask, interval, cover, numbers)
+        numbers = (*self._lens, plane.READOUT, *(() if exact else (plane.DOWN_X, plane.DOWN_Y)))
+        interval = plane.Interval(turn, down, dt, self._readout.applied_s / dt, self._growth(source, turn, dt))
+        longest = None if settings.max_speed_m_s is None else settings.max_speed_m_s * dt / told.height_m
+        task = Task(settings.camera, self._follower, prev, self.prev, settings.mask, interval, cover, numbers, longest)
         found = search.find(task, None if led is None else led.tolist())
         motion = found.motion
         if motion is None:
             self._led = None
+            self._rates = []
             status = found.status if sees_ground(settings.camera, down) else VelocityStatus.NO_GROUND
             return unmeasured(status, t_s, dt)
-        moved, count = motion.moved_px(), int(np.count_nonzero(motion.plane))
+        moved, count = motion.moved_px(), motion.count
         expected_px = None if led is None else -led[:2] * (settings.camera.fx, settings.camera.fy)
         if self._watch.is_repeated(motion.residual, moved, expected_px):
             self.prev, self.prev_t_s = prev, before
@@ -170,6 +189,7 @@ class Chain:
             return unmeasured(VelocityStatus.REPEATED_FRAME, t_s, dt, moved, count)
         if second_motion(task, motion):
             self._led = None
+            self._rates = []
             return unmeasured(VelocityStatus.TWO_MOTIONS, t_s, dt, moved, count)
         if self._pattern.hides(prev, self.prev, moved, settings.mask):
             return unmeasured(VelocityStatus.NO_TEXTURE, t_s, dt, moved, count)
@@ -181,16 +201,13 @@ class Chain:
         at = np.zeros(2)
         known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at))
         for _ in range(_AGAIN):
-            by = np.zeros(2) if exact else known.values[6:]
-            if rate_before is not None:
-                growth = turn + known.values[3:6] - rate_before
-            grown = float(np.abs(growth - interval.growth).max()) * abs(readout)
-            if np.abs(by).max() < _TILTED_RAD and grown < _GROWN_RAD:
+            if exact or np.abs(known.values[6:]).max() < _TILTED_RAD:
                 break
+            by = known.values[6:]
             # Far from where it was taken to be: from there on again.
             at = at - by
             tilted = rotation_matrix([by[0], by[1], 0.0]) @ interval.down
-            interval = plane.Interval(turn, tilted, dt, readout, growth)
+            interval = replace(interval, down=tilted)
             again = self._follower.motion(interval, known.values[:6].tolist(), cover, numbers=numbers)
             if again is None or not again.settled:
                 break
@@ -214,11 +231,13 @@ class Chain:
         if not exact:
             self._attitude.correct(interval.down, known.values[6:], total[6:, 6:])
         down = self._attitude.down
-        moved, count = motion.moved_px(), int(np.count_nonzero(motion.plane))
+        self._readout.learn(*known.readout, dt)
+        moved, count = motion.moved_px(), motion.count
         rise_std = float(np.sqrt(max(down @ total[:3, :3] @ down, 0.0)))
         height, doubt = self._heights.at(told.height_m, told.height_std_m, told.t_s, float(down @ way), rise_std)
         turning = turn + known.values[3:6]
         self._led = (told.t_s, way / dt, turning / dt)
+        self._rates = [*self._rates, turning / dt][-_GROWS:]
         size = float(np.hypot(*way[:2]))
         flat_std = float(np.sqrt(np.trace(total[:2, :2]) / 2))
         self._watch.add(motion.residual, size / dt, flat_std / dt, size, dt)
@@ -232,8 +251,10 @@ class Chain:
             "displacement": (known.noise[:3, :3] + np.diag(common**2)) * per_way**2,
             "gyro" if source == "gyro" else "rotation": known.rotation[:3, :3] * per_way**2,
         }
+        tipped = np.stack([np.cross(axis, velocity) for axis in np.eye(3) - np.outer(down, down)])
+        parts["attitude"] = tipped.T @ tipped * _MOUNTED_RAD**2
         if not exact:
-            parts["attitude"] = (known.both - known.rotation)[:3, :3] * per_way**2
+            parts["attitude"] += (known.both - known.rotation)[:3, :3] * per_way**2
         if settings.height_std_m is not None or height.std_m > 0:
             parts["height"] = square * (height.std_m / height.height_m) ** 2
         parts |= budget.of_lens(settings.camera, self._lens, known.changes, per_way)
@@ -275,24 +296,25 @@ class Chain:
             rate_covariance=rate_covariance,
             height_m=height.height_m,
             height_std_m=height.std_m,
-            doubts=tuple(text for text in (doubt, jitter) if text),
+            doubts=tuple(text for text in (doubt, jitter, self._readout.doubt) if text),
         )
 
     def state(self) -> dict[str, Any]:
         """Everything that is known, to be kept."""
         kept: dict[str, Any] = {"prev": self.prev, "prev_t_s": self.prev_t_s, "led": self._led}
+        kept |= {"rates": self._rates, "told_rates": self._told_rates}
         return kept | {name: getattr(self, name).state() for name in _PARTS}
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Take over what `state` gave."""
         if kept["prev"] is not None:
             self._take(kept["prev"], float(kept["prev_t_s"]))
-        self._led = kept["led"]
+        self._led, self._rates, self._told_rates = kept["led"], kept["rates"], kept["told_rates"]
         for name in _PARTS:
             getattr(self, name).restore(kept[name])
 
 
-_PARTS = ("rotation", "_attitude", "_heights", "_watch", "_pattern")
+_PARTS = ("rotation", "_attitude", "_heights", "_watch", "_pattern", "_readout")
 
 
 def sees_ground(camera: Camera, down: F64) -> bool:

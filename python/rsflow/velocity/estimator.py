@@ -64,14 +64,19 @@ class VelocityEstimator(Shared):
     dt_std_s : float, optional
         Standard deviation of the time between two frames. Without it, times that do not fit a steady flow are told and
         widen the covariance.
-    readout_s : float
+    readout_s : float, optional
         Time from the first row of a frame to its last one, of a rolling shutter; the time of a frame is that of its
-        middle row. 0: all rows at once.
+        middle row. 0: all rows at once. Without it, it is learned and told where rows contradict each other: where the
+        camera turns. A steady way over level ground does not show it, and is wrong by the share of the picture's height
+        that it moves on during the readout.
     down_std_rad : float, optional
         Standard deviation of the direction straight down about two axes. Without it, what `update` gets is exact, and
         so is level ground where it gets none.
     max_height_gap_s : float
         For how long a missing height is carried on by the vertical velocity that the pictures show.
+    max_speed_m_s : float, optional
+        The highest speed over the ground that is possible. On ground that repeats, such as tiles, it tells which of
+        several motions it was; 7.5 heights a second by default.
     R_body_from_camera : (3, 3) array_like
         Rotation from the camera's axes to the body's.
     lever_arm_m : (3,) array_like
@@ -116,9 +121,10 @@ class VelocityEstimator(Shared):
         rate_std_rad_s: float | None = None,
         rate_delay_std_s: float | None = None,
         dt_std_s: float | None = None,
-        readout_s: float = 0.0,
+        readout_s: float | None = None,
         down_std_rad: float | None = None,
         max_height_gap_s: float = 1.0,
+        max_speed_m_s: float | None = None,
         R_body_from_camera: ArrayLike | None = None,
         lever_arm_m: ArrayLike = (0.0, 0.0, 0.0),
         mask: NDArray[np.bool_] | None = None,
@@ -130,9 +136,10 @@ class VelocityEstimator(Shared):
         self.rate_std_rad_s = std("rate_std_rad_s", rate_std_rad_s, of="rad/s")
         self.rate_delay_std_s = std("rate_delay_std_s", rate_delay_std_s, of="seconds")
         self.dt_std_s = std("dt_std_s", dt_std_s, of="seconds")
-        self.readout_s = _checks.number("readout_s", readout_s, least=-10, most=10, of="seconds")
+        self.readout_s = _checks.number_or_none("readout_s", readout_s, least=-10, most=10, of="seconds")
         self.down_std_rad = std("down_std_rad", down_std_rad, of="radians")
         self.max_height_gap_s = _checks.number("max_height_gap_s", max_height_gap_s, least=0, most=_MOST, of="seconds")
+        self.max_speed_m_s = _checks.number_or_none("max_speed_m_s", max_speed_m_s, above=0, most=_MOST, of="m/s")
         rotation = "a rotation, (3, 3): orthonormal rows, determinant 1"
         turn = np.eye(3)
         if R_body_from_camera is not None:

@@ -14,8 +14,6 @@ from .task import Task
 
 F64 = NDArray[np.float64]
 
-# On ground that repeats, motions of more heights a second than this are left out: no flow sensor goes that far.
-LIKELY_HEIGHTS_S = 7.5
 # Another motion that holds for this part of what holds for the plane may be that of the ground.
 _COMPARABLE = 0.6
 # It is looked for where this part of the plane's tiles does not move with it.
@@ -114,7 +112,7 @@ def is_ambiguous(task: Task, motion: plane.Motion) -> bool:
                 continue
             if other.count < _AS_MANY * motion.count or other.residual > _AS_WELL * motion.residual + 0.1:
                 continue
-            likely = [np.hypot(*m.values[:2]) < LIKELY_HEIGHTS_S * task.interval.dt_s for m in (motion, other)]
+            likely = [np.hypot(*m.values[:2]) < task.likely for m in (motion, other)]
             if likely[1] or not likely[0]:
                 return True
     return False

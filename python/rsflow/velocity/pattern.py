@@ -11,16 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..shift import estimate_shift
-
 F64 = NDArray[np.float64]
 
 # A picture that moves by less than this, in pixels, stands still.
 _STILL_PX = 0.2
-# It is asked at each of so many frames of a standstill, then at every so many.
-_FIRST, _THEN = 4, 8
-# Changes have moved if they did by this many pixels.
-_MOVED_PX = 0.5
+# It is looked at in pictures of at most this width.
+_WIDTH = 160
+# For so many frames of a standstill, and then in some of every so many.
+_FIRST, _THEN, _SOME = 12, 60, 12
+# What was seen counts for this part at the next frame.
+_KEPT = 0.95
+# A displacement at which changes have in common what chance does not give, in standard deviations, further away than
+# this many of these pixels.
+_SURE = 6.5
+_FROM = 1.5
+# Waves shorter than this many of these pixels count for little.
+_SMOOTH = 0.7
 # Blocks of this side whose change has so many times the usual energy show something else that moves.
 _BLOCK = 8
 _BUSY = 2.5
@@ -30,7 +36,8 @@ class FixedPattern:
     """Remembers the last change of the picture."""
 
     def __init__(self) -> None:
-        self._change: NDArray[np.float32] | None = None
+        self._change: NDArray[np.complex128] | None = None
+        self._common: NDArray[np.complex128] | None = None
         self._stood = 0
         self._found = False
 
@@ -45,26 +52,38 @@ class FixedPattern:
         mask : (height, width) bool, optional
         """
         if not np.hypot(*moved) < _STILL_PX:
-            self._change, self._stood, self._found = None, 0, False
+            self._change, self._common, self._stood, self._found = None, None, 0, False
             return False
         self._stood += 1
-        if self._stood > _FIRST and self._stood % _THEN not in (0, _THEN - 1):
-            self._change = None
+        if self._stood > _FIRST and self._stood % _THEN >= _SOME:
+            self._change = self._common = None
             return self._found
-        change, before = _change(prev, image, mask), self._change
-        self._change = change
-        if before is not None:
-            shift = estimate_shift(before, change)
-            self._found = shift.valid and float(np.hypot(shift.dx, shift.dy)) > _MOVED_PX
+        change = _change(prev, image, mask)
+        size = change.shape
+        spectrum = np.fft.rfft2(change * np.outer(np.hanning(size[0]), np.hanning(size[1])))
+        before, self._change = self._change, spectrum
+        if before is None:
+            return self._found
+        common = spectrum * np.conj(before)
+        common /= np.maximum(np.abs(common), 1e-12)
+        self._common = common if self._common is None else _KEPT * self._common + common
+        y, x = np.fft.fftfreq(size[0])[:, None], np.fft.rfftfreq(size[1])[None, :]
+        smooth = np.exp(-2.0 * (np.pi * _SMOOTH) ** 2 * (x * x + y * y))
+        match = np.fft.irfft2(self._common * smooth, size)
+        far = np.hypot(np.fft.fftfreq(size[0], 1 / size[0])[:, None], np.fft.fftfreq(size[1], 1 / size[1])) > _FROM
+        most = float(match[far].max())
+        # What hardly moves has most in common with itself where it is.
+        self._found = most > _SURE * float(match[far].std()) and most > float(match[~far].max())
         return self._found
 
     def state(self) -> dict[str, Any]:
         """Everything that is known, to be kept."""
-        return {"change": self._change, "stood": self._stood, "found": self._found}
+        return {"change": self._change, "common": self._common, "stood": self._stood, "found": self._found}
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Take over what `state` gave."""
-        self._change, self._stood, self._found = kept["change"], kept["stood"], kept["found"]
+        self._change, self._common = kept["change"], kept["common"]
+        self._stood, self._found = kept["stood"], kept["found"]
 
 
 def _change(prev: NDArray[Any], image: NDArray[Any], mask: NDArray[np.bool_] | None) -> NDArray[np.float32]:
@@ -72,6 +91,12 @@ def _change(prev: NDArray[Any], image: NDArray[Any], mask: NDArray[np.bool_] | N
     change = image.astype(np.float32) - prev.astype(np.float32)
     if mask is not None:
         change[~mask] = 0.0
+    height, width = change.shape
+    if width > _WIDTH:
+        import cv2
+
+        size = (_WIDTH, max(round(height * _WIDTH / width), 1))
+        change = np.asarray(cv2.resize(change, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
     rows, columns = (side // _BLOCK for side in change.shape)
     whole = change[: rows * _BLOCK, : columns * _BLOCK]
     blocks = whole.reshape(rows, _BLOCK, columns, _BLOCK)

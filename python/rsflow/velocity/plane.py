@@ -126,16 +126,25 @@ class Motion:
         inverse = np.linalg.inv(normal + precision)
         at = np.concatenate([np.zeros(3), prior.mean])
         told = inverse[:, 3:] @ precision[3:, 3:]
-        lens = self.responses[: len(self.responses) - (2 if tilted else 0)]
-        sides = lens[:, :6]
+        count = len(self.responses)
+        *lens, readout = self.responses[: count - (2 if tilted else 0)]
+        sides = np.array([*lens, readout])[:, :6]
         if tilted:
-            sides = np.hstack([sides, lens[:, 7 + len(self.responses) - 2 :]])
+            sides = np.hstack([sides, np.array([*lens, readout])[:, 7 + count - 2 :]])
+        values = inverse @ (right + precision @ at)
+        moved = values.copy()
+        moved[:6] -= self.values
+        along = sides[-1]
         return Known(
-            values=inverse @ (right + precision @ at),
+            values=values,
+            readout=(
+                float(readout[6] - along @ moved),
+                float(readout[7 + len(lens)] - along @ inverse @ along),
+            ),
             noise=inverse @ normal @ inverse,
             rotation=told[:, :3] @ prior.cover[:3, :3] @ told[:, :3].T,
             both=told @ prior.cover @ told.T,
-            changes=-(inverse[:3] @ sides.T).T,
+            changes=-(inverse[:3] @ sides[:-1].T).T,
         )
 
 
@@ -179,10 +188,12 @@ class Known:
     """A motion under what is known: `values` (6 or 8,): way, rotation, and tilt.
 
     `noise` is its covariance from the displacements, `rotation` that from what is not known of the rotation, `both`
-    that from rotation and tilt. `changes` (N, 3) are those of the way for one unit of each number of the lens.
+    that from rotation and tilt. `readout` is what speaks for a longer readout, per interval, and how much it would if
+    it were one interval longer. `changes` (N, 3) are those of the way for one unit of each number of the lens.
     """
 
     values: F64
+    readout: tuple[float, float]
     noise: F64
     rotation: F64
     both: F64

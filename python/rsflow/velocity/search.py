@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..shift import ShiftStatus
 from . import plane
-from .others import LIKELY_HEIGHTS_S, is_ambiguous
+from .others import is_ambiguous
 from .result import VelocityStatus
 from .start import followed_points, whole_shift
 from .task import Task
@@ -46,8 +46,7 @@ def find(task: Task, led: Sequence[float] | None) -> Found:
         if best is not None and _holds(best, _DOUBTED):
             return Found(best, VelocityStatus.OK)
     turned = task.turned()
-    longest = task.camera.fx * LIKELY_HEIGHTS_S * task.interval.dt_s
-    shift, status = whole_shift(task.prev, task.image, turned, task.mask, longest)
+    shift, status = whole_shift(task.prev, task.image, turned, task.mask, task.camera.fx * task.likely)
     if status is ShiftStatus.AMBIGUOUS:
         return Found(None, VelocityStatus.AMBIGUOUS)
     related = status is ShiftStatus.VALID

@@ -15,10 +15,17 @@ from .start import Turned
 
 F64 = NDArray[np.float64]
 
+# On ground that repeats, motions of more heights a second than this are left out: no flow sensor goes that far.
+_LIKELY_HEIGHTS_S = 7.5
+
 
 @dataclass(frozen=True)
 class Task:
-    """Two frames, and what is known of the camera between them: `covariance` (3, 3) of the rotation beyond the told."""
+    """Two frames, and what is known of the camera between them.
+
+    `covariance` (3, 3) is that of the rotation beyond the told one; `longest` the longest way in heights, if anyone
+    said so; `numbers` are those whose effect is wanted.
+    """
 
     camera: Camera
     follower: plane.Follower
@@ -28,6 +35,14 @@ class Task:
     interval: plane.Interval
     covariance: F64
     numbers: tuple[int, ...]
+    longest: float | None
+
+    @property
+    def likely(self) -> float:
+        """The longest way, in heights, that is likely on ground that repeats."""
+        if self.longest is not None and np.isfinite(self.longest):
+            return self.longest
+        return _LIKELY_HEIGHTS_S * self.interval.dt_s
 
     def turned(self) -> Turned | None:
         """Where the told rotation alone puts pixels; None without one."""

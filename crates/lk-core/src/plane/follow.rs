@@ -33,6 +33,8 @@ const FLOOR_PX: f64 = 0.0015;
 const NOISE_GRADIENT: f64 = 0.19;
 /// Least part of a tile's gradients that must not be noise.
 const LEAST_TRUE: f64 = 0.05;
+/// A step is made longer by at most so much where gradients are noise.
+const MOST_LONGER: f64 = 4.0;
 /// Correlation of both frames above which a tile shows the same in both.
 const MATCHED: f64 = 0.35;
 /// So does one that is left with no more than this much of what noise leaves.
@@ -348,14 +350,13 @@ impl Task<'_> {
         let mut places = Vec::with_capacity(tiles.len());
         for (index, tile) in tiles.iter().enumerate() {
             let Some(solved) = tile.solved else { continue };
-            let Some(information) = information(&solved, noise) else {
+            let Some((information, step)) = freed_of_noise(&solved, noise) else {
                 continue;
             };
             let square = 1.0 / (scale * scale);
             // What a coarse tile says is in its own pixels.
-            let residual = std::array::from_fn(|k| {
-                tile.displacement[k] + scale * solved.step[k] - tile.predicted[k]
-            });
+            let residual =
+                std::array::from_fn(|k| tile.displacement[k] + scale * step[k] - tile.predicted[k]);
             equations.push(Equation {
                 residual,
                 information: information.map(|value| value * square),
@@ -478,8 +479,9 @@ pub(super) fn correlation(solved: &Solved) -> f64 {
     }
 }
 
-/// Inverse covariance of a tile's displacement, in its own pixels: xx, xy, yy; none where its gradients are noise.
-fn information(solved: &Solved, noise: f64) -> Option<[f64; 3]> {
+/// Inverse covariance of a tile's displacement, in its own pixels: xx, xy, yy, and its step; none where its gradients are
+/// noise.
+fn freed_of_noise(solved: &Solved, noise: f64) -> Option<([f64; 3], [f64; 2])> {
     let [xx, xy, yy] = solved.structure;
     // Gradients of noise raise the sums, but say nothing of the displacement.
     let false_part = NOISE_GRADIENT * noise.min(solved.left) * solved.count;
@@ -502,7 +504,20 @@ fn information(solved: &Solved, noise: f64) -> Option<[f64; 3]> {
     let floor = FLOOR_PX * FLOOR_PX;
     let (vx, vxy, vy) = (left * vx + floor, left * vxy, left * vy + floor);
     let determinant = vx * vy - vxy * vxy;
-    (determinant > 0.0).then(|| [vy / determinant, -vxy / determinant, vx / determinant])
+    if determinant <= 0.0 {
+        return None;
+    }
+    let information = [vy / determinant, -vxy / determinant, vx / determinant];
+    // Sums that noise raises make steps too short.
+    let step = times(inverse, times([xx, xy, yy], solved.step));
+    let length = |[x, y]: [f64; 2]| x.hypot(y);
+    let most = MOST_LONGER * length(solved.step);
+    let shorter = if length(step) > most {
+        most / length(step)
+    } else {
+        1.0
+    };
+    Some((information, step.map(|value| shorter * value)))
 }
 
 /// Say of each pixel of a tile whether all that its filters reach counts in both frames; how many do.
