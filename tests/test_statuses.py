@@ -28,9 +28,10 @@ def test_statuses_are_those_of_lk_core(status, told):
 
 def test_the_statuses_of_velocity_keep_their_values():
     """Of no Rust: files and callers hold them."""
-    names = "OK FIRST_FRAME TIME_NOT_INCREASING NO_TEXTURE SCENE_CUT TOO_FEW_POINTS INCONSISTENT NO_HEIGHT NO_GROUND"
+    names = "OK FIRST_FRAME TIME_NOT_INCREASING NO_TEXTURE SCENE_CUT TOO_FEW_POINTS INCONSISTENT NO_HEIGHT NO_GROUND "
+    names += "REPEATED_FRAME TWO_MOTIONS AMBIGUOUS"
     assert [member.name for member in rsflow.VelocityStatus] == names.split()
-    assert [int(member) for member in rsflow.VelocityStatus] == list(range(9))
+    assert [int(member) for member in rsflow.VelocityStatus] == list(range(12))
 
 
 @pytest.mark.parametrize("status", NUMBERS)

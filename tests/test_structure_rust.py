@@ -24,7 +24,7 @@ FLOORS = (
     ("support", "displacement_hypotheses"),
     ("pyramid",),
     ("shift", "corners", "dense"),
-    ("track",),
+    ("track", "plane"),
     ("",),
 )
 

@@ -89,7 +89,7 @@ def test_a_height_without_a_deviation_is_not_called_exact(
     assert "height          not stated" in printed
     assert "total           unknown" in printed
     assert "note: deviation of the height not stated: velocities are only as exact as the height" in printed
-    for std, total in (("0", "total           0."), ("0.01", "total           5.")):
+    for std, total in (("0", "total           2."), ("0.01", "total           5.")):
         assert cli.main([*arguments, "--height-std", std]) == 0
         printed = capsys.readouterr().out
         assert total in printed

@@ -90,7 +90,9 @@ class PointTracker:
 _Vector = tuple[float, float, float]
 _Motion = tuple[float, float, float, float, float, float]
 # turn, down, readout, growth; where to begin; levels; rotation, its covariance; numbers whose effect is wanted
-_PlaneTask = tuple[tuple[_Vector, _Vector, float, _Vector], _Motion, int, tuple[_Vector, tuple[_Vector, _Vector, _Vector]], list[int]]
+_PlaneTask = tuple[
+    tuple[_Vector, _Vector, float, _Vector], _Motion, int, tuple[_Vector, tuple[_Vector, _Vector, _Vector]], list[int]
+]
 # motion, normal matrix, responses; scale, residual, correlation, settled; rows of tiles, their statuses
 _PlaneFound = tuple[
     tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],

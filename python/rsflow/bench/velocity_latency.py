@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from ..camera.model import Camera
 from ..synthetic import Flight, Sensor, flight
 from ..velocity import VelocityEstimator
-from ..velocity import budget as _budget
-from ..velocity import estimator as _estimator
-from ..velocity import plane as _plane
+from ..velocity.chain import plane as _plane
 from .velocity_conditions import HEIGHT_M, RATE_HZ
 from .velocity_tables import LatencyRow
 
@@ -34,9 +32,9 @@ def stages(estimator: VelocityEstimator) -> dict[str, tuple[Any, str]]:
     """Give the steps of `update` that are worth a line: a name, and the object and attribute that is called for it."""
     del estimator
     return {
-        "points followed": (_estimator, "follow"),
-        "plane fitted": (_plane, "fit"),
-        "covariance of the camera": (_budget, "of_camera"),
+        "frame taken: levels of its pyramid": (_plane.Follower, "push"),
+        "motion over the plane from tiles": (_plane.Follower, "motion"),
+        "rotation known and learned, covariance": (_plane.Motion, "known"),
     }
 
 

@@ -212,12 +212,16 @@ class Ground:
 
     def counts(self) -> list[Any]:
         """Give what `go_on` needs."""
-        return [use.counts() for use in self._uses]
+        chain = None if self._estimator is None else self._estimator.__getstate__()["state"]["_chain"]
+        return [chain, *(use.counts() for use in self._uses)]
 
     def go_on(self, counts: list[Any], frame: Frame) -> None:
         """Be as after `frame`, which was measured already."""
         assert self._estimator is not None, "open comes first"
-        self._estimator.update(frame.image, frame.t_s, **self._told(frame))
+        self._told(frame)
+        state = self._estimator.__getstate__()
+        state["state"]["_chain"] = counts[0]
+        self._estimator.__setstate__(state)
         self._prev_t_s = frame.t_s
-        for use, count in zip(self._uses, counts, strict=True):
+        for use, count in zip(self._uses, counts[1:], strict=True):
             use.go_on(count)

@@ -16,10 +16,9 @@ from .. import _checks
 from .._display import options
 from .._shared import Shared, alone, anew
 from ..camera.model import Camera
-from ..errors import DTypeError, OptionError, ShapeError
-from .chain import Chain, Settings, Told
+from ..errors import DTypeError, FormatError, OptionError, ShapeError
+from .chain import Chain, GyroState, Settings, Told
 from .result import Velocity
-from .rotation import GyroState
 
 __all__ = ["VelocityEstimator"]
 
@@ -105,7 +104,20 @@ class VelocityEstimator(Shared):
     _state_version = 2
     _state_types: ClassVar = {
         "camera": (Camera,),
-        **dict.fromkeys(("height_m", "height_std_m", "rate_std_rad_s"), (numbers.Real, type(None))),
+        **dict.fromkeys(
+            (
+                "height_m",
+                "height_std_m",
+                "rate_std_rad_s",
+                "rate_delay_std_s",
+                "dt_std_s",
+                "readout_s",
+                "down_std_rad",
+                "max_speed_m_s",
+            ),
+            (numbers.Real, type(None)),
+        ),
+        "max_height_gap_s": (numbers.Real,),
         "R_body_from_camera": (np.ndarray,),
         "lever_arm_m": (np.ndarray,),
         "mask": (np.ndarray, type(None)),
@@ -218,7 +230,8 @@ class VelocityEstimator(Shared):
         Raises
         ------
         OptionError
-            If `t_s` is not finite, height and range are both given, or an argument is no number or no vector.
+            If `t_s` is not finite, a height is below 0, height and range are both given, or an argument is no number or
+            no vector.
         ShapeError, DTypeError
             If the image does not have the camera's size, is not grey or of another type.
         """
@@ -268,6 +281,10 @@ class VelocityEstimator(Shared):
         return {**state, "_chain": self._chain.state()}
 
     def _unpacked(self, state: dict[str, Any]) -> dict[str, Any]:
+        # What it is made of is looked at before it is made.
+        for part, types in {**self._state_types, "_chain": (dict,)}.items():
+            if not isinstance(state.get(part, self), types):
+                raise FormatError(f"the state of a VelocityEstimator is damaged: {part!r}")
         made = type(self).__new__(type(self))
         made.__dict__.update(state)
         chain = made._begin()
@@ -287,9 +304,9 @@ def _time(t_s: float) -> float:
 
 def _length(name: str, value: float) -> float:
     """Take a length; NaN where it is none."""
-    if isinstance(value, float) and not np.isfinite(value):
+    if isinstance(value, (float, np.floating)) and not np.isfinite(value):
         return np.nan
-    found = _checks.number(name, value, of="metres", or_nan=True)
+    found = _checks.number(name, value, least=0, of="metres", or_nan=True)
     return found if 1 / _MOST <= found <= _MOST else np.nan
 
 

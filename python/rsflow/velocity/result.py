@@ -63,24 +63,31 @@ class Velocity:
         Of (vx, vy, vz), in m^2/s^2; infinite where not measured.
     status : VelocityStatus
     n_points : int
-        Points of the ground that agree with the velocity.
+        Tiles of the picture that move with the ground.
     dx_px, dy_px : float
         Median displacement of these points in the picture, in pixels.
     terms : tuple of str
-        Unknowns that the data demanded: "vx" and "vy", and "vz" and "yaw" where they differ from zero by more than
-        three standard deviations. Without "vz" in it, vx and vy were fitted for level flight, and vz, which is then
-        the estimate of the model with it, does not differ from zero.
+        "vx" and "vy", and "vz" and, where no rate was given, "yaw" where they differ from zero by more than three
+        standard deviations. All of them are always solved for.
     yaw_rate_rad_s : float
-        Turn about straight down that was fitted; 0 where not demanded, NaN where the rate was given or nothing fitted.
+        Turn about straight down, as told and seen; NaN where there is no velocity.
     origin_velocity_m_s : (3,) float64
-        Velocity of the body's origin: the camera's, less what the body's rate makes of the lever arm. NaN where that
-        needs a rate which was not given.
+        Velocity of the body's origin: the camera's, less what the body's rate, as told and seen, makes of the lever
+        arm.
     parts : mapping of str to (3, 3) float64
-        What `covariance` is the sum of: "displacement", "height", "focal length", "principal point",
-        "gyro".
+        What `covariance` is the sum of: "displacement", "rotation" (which nobody measured) or "gyro", "attitude",
+        "height", "focal length", "principal point", "time".
     unstated : tuple of str
         Which of these (but "displacement") `covariance` leaves out since no deviation was stated, of the height, of
-        the camera's parameters or of the rates: the velocity is only as exact as they are. Empty where all were.
+        the camera's parameters: the velocity is only as exact as they are. Empty where all were.
+    rate_rad_s : (3,) float64
+        Angular rate of the body as told and seen, right-handed, in its axes; NaN where there is no velocity.
+    rate_covariance : (3, 3) float64
+    height_m, height_std_m : float
+        Perpendicular distance from the ground with which the velocity was computed, and its deviation.
+    doubts : tuple of str
+        What is odd, in sentences: times that jitter against a steady flow, a rolling shutter, heights that contradict
+        the vertical velocity or were carried on without any.
 
     Examples
     --------

@@ -5,12 +5,14 @@
 
 use std::cell::RefCell;
 
-use super::PlaneResponse;
-use super::fit::{Equation, Known, Normal, Step, median, robust};
+use super::fit::{Equation, Known, robust};
+use super::followed::Followed;
 use super::lattice::Lattice;
 use super::lens::Lens;
 use super::motion::{PlaneInterval, PlaneMotion, UNKNOWNS, View};
+use super::seen::{Seen, correlation, freed_of_noise};
 use super::tile::{Buffers, Place, REACH, Solved, SumTile};
+use super::weights::weigh;
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::frame::Plane;
@@ -18,27 +20,11 @@ use crate::memory::resize;
 use crate::parallel::{RowsMut, for_each_band};
 use crate::pyramid::Pyramid;
 use crate::simd::dispatch;
-use crate::support::{COUNTS, Support};
 
 /// Tiles that one thread takes at least.
 const MIN_TILES: usize = 24;
 /// Step of a number of the motion for its slopes.
 const VARIED: f64 = 1e-6;
-/// What is left in a tile is correlated between neighbouring pixels, as both frames were smoothed: so much less do they
-/// tell than if each stood for itself.
-const SHARED: f64 = 2.6;
-/// Standard deviation of a tile's displacement, in pixels of its level, that the residual does not show.
-const FLOOR_PX: f64 = 0.0015;
-/// Mean square of a gradient of what is noise in the difference, as part of the mean square of that.
-const NOISE_GRADIENT: f64 = 0.19;
-/// Least part of a tile's gradients that must not be noise.
-const LEAST_TRUE: f64 = 0.05;
-/// A step is made longer by at most so much where gradients are noise.
-const MOST_LONGER: f64 = 4.0;
-/// Correlation of both frames above which a tile shows the same in both.
-const MATCHED: f64 = 0.35;
-/// So does one that is left with no more than this much of what noise leaves.
-const AS_NOISE: f64 = 2.0;
 /// Steps below this, in pixels, end the rounds.
 const SETTLED_PX: f64 = 0.004;
 /// Rounds on a coarse level and on the finest one.
@@ -61,52 +47,6 @@ pub(super) struct Task<'a> {
     pub(super) lens: &'a Lens,
     pub(super) interval: &'a PlaneInterval,
     pub(super) execution: &'a Execution,
-}
-
-/// One tile at the end of a round.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Seen {
-    /// Half-way between its places in both frames, in pixels of the frame.
-    pub(super) middle: [f64; 2],
-    /// At which it was sampled.
-    pub(super) displacement: [f64; 2],
-    /// What the motion says, on average over the tile.
-    pub(super) predicted: [f64; 2],
-    pub(super) slopes: [[f64; UNKNOWNS]; 2],
-    /// Whether it is within both frames.
-    pub(super) inside: bool,
-    pub(super) solved: Option<Solved>,
-    /// Correlation of both frames, motion and light taken out.
-    pub(super) correlation: f64,
-}
-
-impl Seen {
-    /// Whether both frames show the same there, as far as noise lets it be seen.
-    pub(super) fn is_matched(&self, noise: f64) -> bool {
-        let quiet = |solved: &Solved| solved.left < AS_NOISE * noise;
-        self.correlation >= MATCHED || self.solved.as_ref().is_some_and(quiet)
-    }
-
-    pub(super) fn measured(&self) -> Option<[f64; 2]> {
-        let solved = self.solved?;
-        Some(std::array::from_fn(|k| {
-            self.displacement[k] + solved.step[k]
-        }))
-    }
-}
-
-/// Where the rounds ended.
-#[derive(Debug, Clone)]
-pub(super) struct Followed {
-    pub(super) motion: PlaneMotion,
-    pub(super) tiles: Vec<Seen>,
-    /// Which tile each equation is of.
-    pub(super) places: Vec<usize>,
-    pub(super) equations: Vec<Equation>,
-    pub(super) step: Step,
-    /// Mean square of what noise leaves in a tile.
-    pub(super) noise: f64,
-    pub(super) settled: bool,
 }
 
 impl Task<'_> {
@@ -398,166 +338,4 @@ impl Task<'_> {
                 && matched > tile.correlation
         })
     }
-}
-
-impl Followed {
-    /// Root mean square of what the step moves the tiles by, in pixels.
-    fn moved_px(&self) -> f64 {
-        let mut sum = 0.0;
-        for equation in &self.equations {
-            let left = equation.left(&self.step.step);
-            sum += (0..2)
-                .map(|k| (left[k] - equation.residual[k]).powi(2))
-                .sum::<f64>();
-        }
-        (sum / self.equations.len().max(1) as f64).sqrt()
-    }
-
-    /// What numbers do that displace each tile by what `by` says of a number and a tile.
-    pub(super) fn responses(
-        &self,
-        count: usize,
-        by: impl Fn(usize, &Seen) -> Option<[f64; 2]>,
-    ) -> Vec<PlaneResponse> {
-        let variance = self.step.scale.powi(2);
-        let moved: Vec<Vec<[f64; 2]>> = (0..count)
-            .map(|number| {
-                let tiles = self.places.iter().map(|index| &self.tiles[*index]);
-                tiles
-                    .map(|tile| by(number, tile).unwrap_or_default())
-                    .collect()
-            })
-            .collect();
-        moved
-            .iter()
-            .map(|own| {
-                let mut response = PlaneResponse {
-                    curvature: vec![0.0; count],
-                    ..PlaneResponse::default()
-                };
-                for (place, equation) in self.equations.iter().enumerate() {
-                    let weight = self.step.weights[place] / variance;
-                    let [x, y] = equation.informed(own[place]).map(|value| weight * value);
-                    for (k, value) in response.right.iter_mut().enumerate() {
-                        *value += equation.slopes[0][k] * x + equation.slopes[1][k] * y;
-                    }
-                    let left = equation.left(&self.step.step);
-                    response.score += x * left[0] + y * left[1];
-                    for (value, other) in response.curvature.iter_mut().zip(&moved) {
-                        *value += x * other[place][0] + y * other[place][1];
-                    }
-                }
-                response
-            })
-            .collect()
-    }
-
-    /// Normal matrix of the unknowns, of the displacements alone.
-    pub(super) fn normal(&self) -> Normal {
-        self.step.normal
-    }
-
-    /// Median correlation of the tiles that were weighed.
-    pub(super) fn correlation(&self) -> f64 {
-        let mut all: Vec<f64> = self
-            .places
-            .iter()
-            .map(|k| self.tiles[*k].correlation)
-            .collect();
-        median(&mut all)
-    }
-}
-
-/// Correlation of both frames over a tile, from what is left of its texture: 1 where they show the same, 0 where they
-/// have nothing in common.
-pub(super) fn correlation(solved: &Solved) -> f64 {
-    let (texture, left) = (solved.texture, 0.25 * solved.left);
-    if texture + left > 0.0 {
-        ((texture - left) / (texture + left)).max(-1.0)
-    } else {
-        0.0
-    }
-}
-
-/// Inverse covariance of a tile's displacement, in its own pixels: xx, xy, yy, and its step; none where its gradients are
-/// noise.
-fn freed_of_noise(solved: &Solved, noise: f64) -> Option<([f64; 3], [f64; 2])> {
-    let [xx, xy, yy] = solved.structure;
-    // Gradients of noise raise the sums, but say nothing of the displacement.
-    let false_part = NOISE_GRADIENT * noise.min(solved.left) * solved.count;
-    let [a, b, c] = [xx - false_part, xy, yy - false_part];
-    let (trace, determinant) = (a + c, a * c - b * b);
-    let whole = xx + yy;
-    if trace < 2.0 * LEAST_TRUE * whole || determinant <= 0.0 || a <= 0.0 {
-        return None;
-    }
-    // The displacement is where the sums of gradients times differences vanish: these have the noise of all gradients,
-    // and the slope of the true ones.
-    let left = SHARED * solved.left.max(noise) + 1e-4;
-    let inverse = [c / determinant, -b / determinant, a / determinant];
-    let times = |[a, b, c]: [f64; 3], [x, y]: [f64; 2]| [a * x + b * y, b * x + c * y];
-    let column = |unit: [f64; 2]| {
-        let spread = times(inverse, unit);
-        times(inverse, times([xx, xy, yy], spread))
-    };
-    let ([vx, vxy], [_, vy]) = (column([1.0, 0.0]), column([0.0, 1.0]));
-    let floor = FLOOR_PX * FLOOR_PX;
-    let (vx, vxy, vy) = (left * vx + floor, left * vxy, left * vy + floor);
-    let determinant = vx * vy - vxy * vxy;
-    if determinant <= 0.0 {
-        return None;
-    }
-    let information = [vy / determinant, -vxy / determinant, vx / determinant];
-    // Sums that noise raises make steps too short.
-    let step = times(inverse, times([xx, xy, yy], solved.step));
-    let length = |[x, y]: [f64; 2]| x.hypot(y);
-    let most = MOST_LONGER * length(solved.step);
-    let shorter = if length(step) > most {
-        most / length(step)
-    } else {
-        1.0
-    };
-    Some((information, step.map(|value| shorter * value)))
-}
-
-/// Say of each pixel of a tile whether all that its filters reach counts in both frames; how many do.
-fn weigh(
-    supports: [&Support; 2],
-    corners: [[usize; 2]; 2],
-    side: usize,
-    buffers: &mut Buffers,
-) -> usize {
-    const MOST: usize = super::tile::LARGEST + 2 * REACH;
-    let footprint = side + 2 * REACH;
-    let mut counts = [[true; MOST]; MOST];
-    for (support, [x, y]) in supports.into_iter().zip(corners) {
-        let [(left, right), (top, bottom)] = support.inner();
-        for (row, counts) in counts[..footprint].iter_mut().enumerate() {
-            let y = y + row - REACH;
-            let bytes = support.row(y);
-            for (column, counts) in counts[..footprint].iter_mut().enumerate() {
-                let x = x + column - REACH;
-                let inside = (left..right).contains(&x) && (top..bottom).contains(&y);
-                *counts &= inside && (bytes.is_empty() || bytes[x] == COUNTS);
-            }
-        }
-    }
-    // All within the reach, along rows, then along columns.
-    let mut across = [[true; MOST]; MOST];
-    for (row, to) in counts[..footprint].iter().zip(&mut across) {
-        for (column, to) in to[..side].iter_mut().enumerate() {
-            *to = row[column..=column + 2 * REACH]
-                .iter()
-                .all(|counts| *counts);
-        }
-    }
-    let mut total = 0;
-    for row in 0..side {
-        for column in 0..side {
-            let counts = (row..=row + 2 * REACH).all(|y| across[y][column]);
-            buffers.weight[row][column] = f32::from(u8::from(counts));
-            total += usize::from(counts);
-        }
-    }
-    total
 }

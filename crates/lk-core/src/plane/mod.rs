@@ -8,18 +8,21 @@
 //! The rotation is solved for as far as what is known of it leaves it open ([`PlaneOptions::rotation`]): over a narrow
 //! field of view a turn looks like a way, and what the data cannot tell apart is in the normal matrix.
 //!
-//! `docs/algorithms.md`, section "Velocity over a plane".
+//! `docs/algorithms.md`, section "Velocity over a plane: VelocityEstimator".
 
 mod fit;
 mod follow;
+mod followed;
 mod lattice;
 mod lens;
 mod motion;
 mod points;
+mod seen;
 #[cfg(test)]
 mod tests;
 mod tile;
 mod tracker;
+mod weights;
 
 pub use fit::Normal as PlaneNormal;
 pub use lens::{Distortion, Lens};

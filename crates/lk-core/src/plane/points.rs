@@ -1,7 +1,7 @@
 //! The motion over a plane from points that were followed by other means.
 
-use super::fit::{Equation, Known, robust};
-use super::follow::Followed;
+use super::fit::{Equation, Known, Step, robust};
+use super::followed::Followed;
 use super::lens::Lens;
 use super::motion::{PlaneInterval, PlaneMotion, UNKNOWNS, View};
 use super::{PlaneFit, PlaneOptions, PlaneTile, PlaneTileStatus, expect_motion};
@@ -89,29 +89,7 @@ pub fn fit_plane(
     let Some((equations, places, step)) = last else {
         return Ok(None);
     };
-    let mut tiles: Vec<PlaneTile> = matches
-        .iter()
-        .map(|point| PlaneTile {
-            middle: std::array::from_fn(|k| 0.5 * (point.prev[k] + point.next[k])),
-            displacement: std::array::from_fn(|k| point.next[k] - point.prev[k]),
-            residual: [f64::NAN; 2],
-            weight: 0.0,
-            information: [0.0; 3],
-            correlation: 0.0,
-            status: PlaneTileStatus::Outside,
-        })
-        .collect();
-    for ((equation, index), weight) in equations.iter().zip(&places).zip(&step.weights) {
-        let tile = &mut tiles[*index];
-        tile.residual = equation.left(&step.step);
-        tile.information = equation.information;
-        tile.weight = *weight;
-        tile.status = if *weight > 0.0 {
-            PlaneTileStatus::Plane
-        } else {
-            PlaneTileStatus::Outlier
-        };
-    }
+    let tiles = tiles(matches, &equations, &places, &step);
     let followed = Followed {
         motion,
         tiles: Vec::new(),
@@ -131,6 +109,39 @@ pub fn fit_plane(
         settled: followed.settled,
         tiles,
     }))
+}
+
+/// Each match as a tile.
+fn tiles(
+    matches: &[PlaneMatch],
+    equations: &[Equation],
+    places: &[usize],
+    step: &Step,
+) -> Vec<PlaneTile> {
+    let mut tiles: Vec<PlaneTile> = matches
+        .iter()
+        .map(|point| PlaneTile {
+            middle: std::array::from_fn(|k| 0.5 * (point.prev[k] + point.next[k])),
+            displacement: std::array::from_fn(|k| point.next[k] - point.prev[k]),
+            residual: [f64::NAN; 2],
+            weight: 0.0,
+            information: [0.0; 3],
+            correlation: 0.0,
+            status: PlaneTileStatus::Outside,
+        })
+        .collect();
+    for ((equation, index), weight) in equations.iter().zip(places).zip(&step.weights) {
+        let tile = &mut tiles[*index];
+        tile.residual = equation.left(&step.step);
+        tile.information = equation.information;
+        tile.weight = *weight;
+        tile.status = if *weight > 0.0 {
+            PlaneTileStatus::Plane
+        } else {
+            PlaneTileStatus::Outlier
+        };
+    }
+    tiles
 }
 
 /// What each match says against a motion, and which it is; none of what the motion does not show.

@@ -1,9 +1,11 @@
 //! The motion over a plane through a sequence of frames.
 
 use super::fit::Known;
-use super::follow::{Followed, Seen, Task};
+use super::follow::Task;
+use super::followed::Followed;
 use super::lens::Lens;
 use super::motion::{PlaneInterval, PlaneMotion, View, norm, rotate, rotation};
+use super::seen::Seen;
 use super::{
     PlaneFit, PlaneNumber, PlaneOptions, PlaneResponse, PlaneTile, PlaneTileStatus, expect_motion,
 };

@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._rotation import rotation_matrix
-from ..camera.model import Camera
+from ..._rotation import rotation_matrix
+from ...camera.model import Camera
+from ...shift import ShiftStatus, estimate_shift
+from ..result import Velocity, VelocityStatus, unmeasured
 from . import budget, plane, search
 from .attitude import Attitude
 from .height import HeightKeeper
 from .others import second_motion
 from .pattern import FixedPattern
 from .readout import Readout
-from .result import Velocity, VelocityStatus, unmeasured
 from .rotation import RotationModel
 from .task import Task
 from .watch import Watch
@@ -118,7 +119,9 @@ class Chain:
             return unmeasured(VelocityStatus.TIME_NOT_INCREASING, told.t_s, dt)
         if np.array_equal(prev, image):
             # The next frame is compared with the one before, over both intervals.
-            return unmeasured(VelocityStatus.REPEATED_FRAME, told.t_s, dt)
+            blank = estimate_shift(prev, prev).status is ShiftStatus.NO_TEXTURE
+            status = VelocityStatus.NO_TEXTURE if blank else VelocityStatus.REPEATED_FRAME
+            return unmeasured(status, told.t_s, dt)
         self._take(image, told.t_s)
         return self._measure(prev, before, told)
 
@@ -252,9 +255,9 @@ class Chain:
             "gyro" if source == "gyro" else "rotation": known.rotation[:3, :3] * per_way**2,
         }
         tipped = np.stack([np.cross(axis, velocity) for axis in np.eye(3) - np.outer(down, down)])
-        parts["attitude"] = tipped.T @ tipped * _MOUNTED_RAD**2
+        parts["displacement"] += tipped.T @ tipped * _MOUNTED_RAD**2
         if not exact:
-            parts["attitude"] += (known.both - known.rotation)[:3, :3] * per_way**2
+            parts["attitude"] = (known.both - known.rotation)[:3, :3] * per_way**2
         if settings.height_std_m is not None or height.std_m > 0:
             parts["height"] = square * (height.std_m / height.height_m) ** 2
         parts |= budget.of_lens(settings.camera, self._lens, known.changes, per_way)
@@ -270,11 +273,6 @@ class Chain:
         body = R @ velocity
         straight = R @ down
         yaw, yaw_std = float(rate @ straight), float(np.sqrt(max(straight @ rate_covariance @ straight, 0.0)))
-        terms: tuple[str, ...] = ("vx", "vy")
-        if abs(body[2]) > _DEMANDED * np.sqrt(covariance[2, 2]):
-            terms += ("vz",)
-        if told.rate is None and abs(yaw) > _DEMANDED * yaw_std:
-            terms += ("yaw",)
         arm = np.cross(rate, settings.lever_arm_m) if settings.lever_arm_m.any() else np.zeros(3)
         return Velocity(
             t_s=told.t_s,
@@ -287,7 +285,7 @@ class Chain:
             n_points=count,
             dx_px=float(moved[0]),
             dy_px=float(moved[1]),
-            terms=terms,
+            terms=_demanded(body, covariance, yaw / yaw_std if told.rate is None else 0.0),
             yaw_rate_rad_s=yaw,
             origin_velocity_m_s=body - arm,
             parts=parts,
@@ -315,6 +313,14 @@ class Chain:
 
 
 _PARTS = ("rotation", "_attitude", "_heights", "_watch", "_pattern", "_readout")
+
+
+def _demanded(velocity: F64, covariance: F64, yaw: float) -> tuple[str, ...]:
+    """Name the unknowns that differ from zero; `yaw` is in its own deviations."""
+    terms: tuple[str, ...] = ("vx", "vy")
+    if abs(velocity[2]) > _DEMANDED * np.sqrt(covariance[2, 2]):
+        terms += ("vz",)
+    return (*terms, "yaw") if abs(yaw) > _DEMANDED else terms
 
 
 def sees_ground(camera: Camera, down: F64) -> bool:

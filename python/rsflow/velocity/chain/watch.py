@@ -59,7 +59,8 @@ class Watch:
 
     def add(self, residual: float, speed: float, std: float, way: float, dt_s: float) -> None:
         """Take a frame: speed and its deviation in heights a second, way in heights."""
-        self._residuals = [*self._residuals, residual][-_FRAMES:]
+        if np.isfinite(residual):
+            self._residuals = [*self._residuals, residual][-_FRAMES:]
         self._steps = [*self._steps, (speed, std, way, dt_s)][-_FRAMES:]
 
     def dt_std_s(self) -> float:

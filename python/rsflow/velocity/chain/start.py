@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..shift import ShiftStatus, estimate_shift
-from ..tracking import detect_corners, track_points
+from ...shift import ShiftStatus, estimate_shift
+from ...tracking import detect_corners, track_points
 
 F64 = NDArray[np.float64]
 # Takes pixels (N, 2) of the first frame and gives where a rotation alone puts them in the second; NaN behind.

@@ -6,13 +6,13 @@ docs/algorithms.md, section "Velocity over a plane: VelocityEstimator".
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _core
-from ..camera.model import Camera
+from ... import _core
+from ...camera.model import Camera
 
 F64 = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ class Motion:
         if tilt is not None:
             normal[6:, 6:] += np.linalg.inv(tilt)
         inverse = np.linalg.inv(normal)
-        return inverse[3:6] @ right, inverse[3:6, 3:6]
+        return inverse[3:6] @ right, np.asarray(inverse[3:6, 3:6], dtype=np.float64)
 
     def _whole(self, tilted: bool) -> tuple[F64, F64]:
         """Give the normal equations of the displacements alone, for motion and, where not exact, straight down."""
@@ -113,7 +113,8 @@ class Motion:
         normal[6:, :6] = down[:, :6]
         normal[:6, 6:] = down[:, :6].T
         normal[6:, 6:] = down[:, 7 + count - 2 :]
-        return normal, np.concatenate([self.right, down[:, 6] + down[:, :6] @ self.values])
+        right = np.concatenate([self.right, down[:, 6] + down[:, :6] @ self.values])
+        return normal, right.astype(np.float64)
 
     def known(self, prior: Prior) -> Known:
         """Give the motion under what is known of rotation and straight down."""
@@ -180,7 +181,7 @@ class Prior:
 def _least(covariance: F64) -> float:
     """Give the smaller variance along any direction of a (2, 2) covariance, or nearly."""
     (a, b), (_, c) = covariance.tolist()
-    return max(0.5 * (a + c) - float(np.hypot(0.5 * (a - c), b)), 0.0)
+    return max(0.5 * float(a + c) - float(np.hypot(0.5 * (a - c), b)), 0.0)
 
 
 @dataclass(frozen=True)
@@ -239,12 +240,16 @@ class Follower:
         found = self._tracker.motion(_task(interval, start, levels, covariance, numbers))
         return None if found is None else _motion(found, covariance)
 
-    def fit(self, interval: Interval, matches: F64, covariance: F64) -> Motion | None:
+    def fit(self, interval: Interval, matches: F64, covariance: F64, numbers: Sequence[int]) -> Motion | None:
         """Find the motion from points: rows of x, y, x, y in the next frame, covariance xx, xy, yy."""
         found = _core.fit_plane(
             *self._lens, self._rows, np.ascontiguousarray(matches), _task(interval, [0.0] * 6, 1, covariance, ())
         )
-        return None if found is None else _motion(found, covariance)
+        if found is None:
+            return None
+        # Points say nothing of lens, readout and straight down: what is known of these stands.
+        motion = _motion(found, covariance)
+        return replace(motion, responses=np.zeros((len(numbers), 7 + len(numbers))))
 
 
 def _task(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..shift import ShiftStatus
+from ...shift import ShiftStatus
 from . import plane
 from .start import whole_shift
 from .task import Task

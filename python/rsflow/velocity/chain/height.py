@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -93,6 +93,8 @@ class HeightKeeper:
 
     def state(self) -> dict[str, Any]:
         """Everything that is known, to be kept."""
+        return {"last": None if self._last is None else astuple(self._last)}
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Take over what `state` gave."""
+        self._last = None if kept["last"] is None else Height(*kept["last"])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._rotation import rotation_matrix
+from ..._rotation import rotation_matrix
 
 F64 = NDArray[np.float64]
 

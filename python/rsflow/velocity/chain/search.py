@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..shift import ShiftStatus
+from ...shift import ShiftStatus, estimate_shift
+from ..result import VelocityStatus
 from . import plane
 from .others import is_ambiguous
-from .result import VelocityStatus
 from .start import followed_points, whole_shift
 from .task import Task
 
@@ -61,16 +61,21 @@ def find(task: Task, led: Sequence[float] | None) -> Found:
             return _sought(task, best)
     matches = followed_points(task.prev, task.image, shift if related else np.zeros(2), turned, task.mask)
     if len(matches) >= LEAST_TILES:
-        fitted = task.follower.fit(task.interval, matches, task.covariance)
+        fitted = task.follower.fit(task.interval, matches, task.covariance, task.numbers)
         if fitted is not None and np.isfinite(fitted.values).all():
             led = fitted.values.tolist()
             sought = task.follower.motion(task.interval, led, task.covariance, levels=_LED, numbers=task.numbers)
             best = _better(best, sought)
+            if (best is None or _shown(best) < LEAST_TILES) and _holds(fitted, HALF):
+                # A picture that is too small for tiles.
+                best = fitted
     if best is not None and _is_found(best):
         return _sought(task, best)
     shown = 0 if best is None else _shown(best)
     if status in (ShiftStatus.NO_TEXTURE, ShiftStatus.APERTURE, ShiftStatus.TOO_SMALL) and shown < LEAST_TILES:
-        return Found(None, VelocityStatus.NO_TEXTURE)
+        # Blank after a picture that was not: the lens is covered, or the recording jumps.
+        itself = estimate_shift(task.prev, task.prev, mask=task.mask, next_mask=task.mask)
+        return Found(None, VelocityStatus.SCENE_CUT if itself.valid else VelocityStatus.NO_TEXTURE)
     if not related:
         return Found(None, VelocityStatus.SCENE_CUT)
     if shown < LEAST_TILES:
@@ -80,7 +85,9 @@ def find(task: Task, led: Sequence[float] | None) -> Found:
 
 def _is_found(motion: plane.Motion) -> bool:
     """Say whether a motion that nothing led to holds."""
-    return _holds(motion, _MOST) or (_holds(motion, HALF) and motion.alike() > _ALIKE)
+    # Points have passed their own tests.
+    alike = not np.isfinite(motion.correlation) or motion.alike() > _ALIKE
+    return _holds(motion, _MOST) or (_holds(motion, HALF) and alike)
 
 
 def _sought(task: Task, motion: plane.Motion) -> Found:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera.model import Camera
+from ...camera.model import Camera
 
 __all__ = ["of_lens", "rotated", "wanted"]
 

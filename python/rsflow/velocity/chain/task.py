@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._rotation import rotation_matrix
-from ..camera.model import Camera
+from ..._rotation import rotation_matrix
+from ...camera.model import Camera
 from . import plane
 from .start import Turned
 
