@@ -198,7 +198,6 @@ def test_height_and_focal_length_enter_the_covariance() -> None:
     budget = v.budget(dt_std_s=0.001)
     words = [line.split()[0] for line in budget.splitlines()]
     assert sorted(words) == [
-        "attitude",
         "displacement",
         "focal",
         "height",
@@ -238,7 +237,7 @@ def test_noise_of_the_gyro_enters_the_covariance() -> None:
     std = 0.05
     f = flight(frames=2, velocity_m_s=(0.08, -0.06, 0.0), sensor=QUIET, seed=15)
     (v,) = velocities(f, rate=True, rate_std_rad_s=std)
-    assert set(v.parts) == {"displacement", "gyro", "attitude"}
+    assert set(v.parts) == {"displacement", "gyro"}
     # Off the axis a turn moves the picture by 1 + x^2 of that in the middle: 1.06 on average over this view.
     flat = np.sqrt(np.diag(v.covariance))[:2]
     assert (flat < 1.05 * 0.2 * std).all()

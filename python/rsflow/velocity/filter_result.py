@@ -74,7 +74,7 @@ class FilteredVelocity:
     --------
     >>> import rsflow
     >>> flight = rsflow.synthetic.flight(frames=4, height_m=0.2, velocity_m_s=(0.03, -0.01, 0.0), seed=1)
-    >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=0.2)
+    >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=0.2, rate_std_rad_s=0.0)
     >>> kalman = rsflow.VelocityFilter(acceleration_walk_m_s2=0.1)
     >>> for frame in flight:
     ...     now = kalman.update(estimator.update(frame.image, frame.t_s))

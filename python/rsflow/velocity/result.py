@@ -75,8 +75,9 @@ class Velocity:
         Velocity of the body's origin: the camera's, less what the body's rate, as told and seen, makes of the lever
         arm.
     parts : mapping of str to (3, 3) float64
-        What `covariance` is the sum of: "displacement", "rotation" (which nobody measured) or "gyro", "attitude",
-        "height", "focal length", "principal point", "time".
+        What `covariance` is the sum of: "displacement", "rotation" (which nobody measured) or "gyro", each with
+        that of straight down where nobody tells it, else "attitude"; "height", "focal length", "principal point",
+        "time".
     unstated : tuple of str
         Which of these (but "displacement") `covariance` leaves out since no deviation was stated, of the height, of
         the camera's parameters: the velocity is only as exact as they are. Empty where all were.

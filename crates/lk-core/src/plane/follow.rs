@@ -126,7 +126,12 @@ impl Task<'_> {
                 });
             },
         )?;
-        Ok(self.solve(tiles, motion, known, scale))
+        Ok(self
+            .solve(tiles, motion, known, scale)
+            .map(|found| Followed {
+                across: lattice.across(),
+                ..found
+            }))
     }
 
     /// What a motion says of a tile: middle, displacement on average over the tile, its gradient and its slopes.
@@ -312,6 +317,7 @@ impl Task<'_> {
         Some(Followed {
             motion: *motion,
             tiles,
+            across: 0,
             places,
             equations,
             step,

@@ -10,6 +10,8 @@ use super::seen::Seen;
 pub(super) struct Followed {
     pub(super) motion: PlaneMotion,
     pub(super) tiles: Vec<Seen>,
+    /// Tiles in a row.
+    pub(super) across: usize,
     /// Which tile each equation is of.
     pub(super) places: Vec<usize>,
     pub(super) equations: Vec<Equation>,
@@ -19,7 +21,50 @@ pub(super) struct Followed {
     pub(super) settled: bool,
 }
 
+/// Correlation of neighbours up to which chance may bring it.
+const BY_CHANCE: f64 = 0.06;
+/// Largest correlation of neighbours that is made good.
+const MOST_ALIKE: f64 = 0.7;
+
 impl Followed {
+    /// Widen the covariance where neighbouring tiles err alike: what coding, light or uneven ground leave does not average
+    /// out as noise does.
+    pub(super) fn widen(&mut self) {
+        let mut whitened = vec![None; self.tiles.len()];
+        for ((equation, index), weight) in
+            (self.equations.iter().zip(&self.places)).zip(&self.step.weights)
+        {
+            if *weight > 0.0 {
+                let left = equation.left(&self.step.step);
+                let size = (equation.information[0] + equation.information[2]).sqrt();
+                whitened[*index] = Some(left.map(|value| size * value));
+            }
+        }
+        let (mut alike, mut own, mut pairs) = (0.0, 0.0, 0usize);
+        for (index, one) in whitened.iter().enumerate() {
+            let Some([x, y]) = one else { continue };
+            let right = (index + 1) % self.across.max(1) != 0;
+            let others = [right.then_some(index + 1), Some(index + self.across)];
+            for other in others.into_iter().flatten() {
+                if let Some(Some([u, v])) = whitened.get(other) {
+                    alike += x * u + y * v;
+                    own += 0.5 * (x * x + y * y + u * u + v * v);
+                    pairs += 1;
+                }
+            }
+        }
+        if pairs < 12 || own <= 0.0 {
+            return;
+        }
+        let share = (alike / own - BY_CHANCE).clamp(0.0, MOST_ALIKE);
+        // As of a field whose correlation falls by this share from tile to tile, along x and y.
+        let factor = ((1.0 + share) / (1.0 - share)).powi(2);
+        for value in self.step.normal.iter_mut().flatten() {
+            *value /= factor;
+        }
+        self.step.scale *= factor.sqrt();
+    }
+
     /// Root mean square of what the step moves the tiles by, in pixels.
     pub(super) fn moved_px(&self) -> f64 {
         let mut sum = 0.0;

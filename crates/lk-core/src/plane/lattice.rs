@@ -29,6 +29,11 @@ impl Lattice {
         }
     }
 
+    /// Tiles in a row.
+    pub(super) fn across(&self) -> usize {
+        self.columns.len()
+    }
+
     pub(super) fn len(&self) -> usize {
         self.columns.len() * self.rows.len()
     }

@@ -93,6 +93,7 @@ pub fn fit_plane(
     let followed = Followed {
         motion,
         tiles: Vec::new(),
+        across: 0,
         places,
         equations,
         step,

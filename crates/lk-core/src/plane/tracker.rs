@@ -138,7 +138,10 @@ impl PlaneTracker {
         let known: Known = options.known();
         within_pool(&options.execution, || {
             let followed = task.follow(start, &known, options.levels - 1)?;
-            Ok(followed.map(|followed| result(&task, &followed, &options.responses)))
+            Ok(followed.map(|mut followed| {
+                followed.widen();
+                result(&task, &followed, &options.responses)
+            }))
         })
     }
 }

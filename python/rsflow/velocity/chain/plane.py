@@ -161,8 +161,8 @@ class Prior:
     cover: F64
 
     @classmethod
-    def of(cls, covariance: F64, cover: F64, tilt: F64 | None, at: F64) -> Prior:
-        """Put together; straight down was carried by the rotation, so that an error of it turns both."""
+    def of(cls, covariance: F64, cover: F64, tilt: F64 | None, at: F64, *, carried: bool) -> Prior:
+        """Put together; an error of the rotation that carried straight down turns both."""
         if tilt is None:
             return cls(np.zeros(3), covariance, cover)
 
@@ -171,7 +171,7 @@ class Prior:
             whole[:3, :3] = rotation
             whole[3:, 3:] = tilt
             # What the carrying itself put into the tilt goes together with the rotation, as far as both have it.
-            share = min(_least(rotation[:2, :2]), 0.5 * _least(tilt))
+            share = min(_least(rotation[:2, :2]), 0.5 * _least(tilt)) if carried else 0.0
             whole[[0, 1], [3, 4]] = whole[[3, 4], [0, 1]] = -share
             return whole
 

@@ -28,7 +28,10 @@ _WALK_RAD_S = 2e-4
 # For how long what was seen is remembered, in seconds.
 _MEMORY_S = 1.0
 # An error of more than this many deviations counts as one of so many.
-_MOST = 6.0
+_MOST = 20.0
+# Errors are there where they exceed what noise makes of them by so many deviations of that.
+_CLEAR = 9.0
+_FEW = 3.0
 # A declared deviation is believed unless what is seen exceeds it by so many deviations of what is seen.
 _BELIEVED = 4.0
 # Deviations of a rate of which none is expected: not zero, for it is divided by.
@@ -86,16 +89,24 @@ class Excess:
     def learn(self, error: F64, noise: F64, dt_s: float) -> None:
         """Take an error (3,) whose own noise has these variances (3,)."""
         keep = np.exp(-max(dt_s, 0.0) / _MEMORY_S)
-        most = _MOST**2 * (noise + self.likely() if self.count.all() else np.full(3, np.inf))
+        most = _MOST**2 * (noise + self.seen() if self.count.all() else np.full(3, np.inf))
         self.count = keep * self.count + 1.0
         self.squares = keep * self.squares + np.minimum(error * error, np.maximum(most, noise))
         self.noise = keep * self.noise + noise
 
-    def likely(self) -> F64:
-        """Most likely variance, (3,)."""
+    def seen(self) -> F64:
+        """Give the variance that was seen, (3,)."""
         if not self.count.all():
             return self.first
         return np.maximum(self.squares - self.noise, 0.0) / self.count
+
+    def likely(self) -> F64:
+        """Give the variance that was clearly seen, (3,): none is more likely than one that noise explains."""
+        seen = self.seen()
+        if not self.count.all():
+            return seen
+        # A few squares scatter further than their deviation says, and noise has more causes than chance.
+        return np.where(seen > _CLEAR * (1.0 + _FEW / self.count) * self.doubt(), seen, 0.0)
 
     def doubt(self) -> F64:
         """Give the standard deviation of `likely` where there is no excess."""
@@ -105,7 +116,7 @@ class Excess:
 
     def cover(self) -> F64:
         """Variance that may be there, (3,)."""
-        return np.asarray(np.minimum(self.likely() + self.doubt(), np.maximum(self.first, self.likely())))
+        return np.asarray(np.minimum(self.seen() + self.doubt(), np.maximum(self.first, self.seen())))
 
 
 class RotationModel:
@@ -134,6 +145,9 @@ class RotationModel:
         # How the last rate depends on bias and delay, and what is not known of it for their sake.
         self._jacobian = np.zeros((3, 4))
         self._lasting = np.zeros((3, 3))
+        self._cover = np.zeros((3, 3))
+        # Bias and delay that were made good.
+        self._used = np.zeros(4)
 
     @property
     def gyro(self) -> GyroState:
@@ -142,12 +156,16 @@ class RotationModel:
         return GyroState(self._state[:3].copy(), std[:3], float(self._state[3]), float(std[3]))
 
     def correction(self, rate: F64, dt_s: float) -> F64:
-        """Give what is to be added to a gyro's rate (3,), in the body's axes."""
+        """Give what is to be added to a gyro's rate (3,), in the body's axes: bias and delay where they are clear."""
         slope = np.zeros(3) if self._rate is None else (rate - self._rate) / dt_s
-        self._jacobian = np.column_stack([np.eye(3), slope])
-        self._lasting = self._jacobian @ self._spread @ self._jacobian.T
+        J = self._jacobian = np.column_stack([np.eye(3), slope])
+        clear = np.abs(self._state) > _BELIEVED * np.sqrt(np.diag(self._spread))
+        self._used = np.where(clear, self._state, 0.0)
+        left = self._state - self._used
+        self._lasting = J @ (np.outer(clear, clear) * self._spread) @ J.T
+        self._cover = J @ (self._spread + np.diag(left * left)) @ J.T
         self._rate = rate
-        return np.asarray(self._jacobian @ self._state)
+        return np.asarray(J @ self._used)
 
     def forget_rate(self) -> None:
         """Know no rate of the interval before."""
@@ -168,13 +186,14 @@ class RotationModel:
             declared = np.full(3, self._declared**2)
             beyond = likely > declared + _BELIEVED * excess.doubt() if excess.count.all() else np.zeros(3, bool)
             likely, cover = np.where(beyond, likely, declared), np.where(beyond, cover, declared)
-        lasting = self._lasting if source == "gyro" else np.zeros((3, 3))
+        none = np.zeros((3, 3))
+        lasting, lasting_cover = (self._lasting, self._cover) if source == "gyro" else (none, none)
         least = _LEAST_RAD_S**2
 
-        def turned(variances: F64) -> F64:
+        def turned(variances: F64, lasting: F64) -> F64:
             return np.asarray(axes.T @ ((variances + least)[:, None] * axes) + lasting)
 
-        return Expected(np.zeros(3), turned(likely), turned(cover))
+        return Expected(np.zeros(3), turned(likely, lasting), turned(cover, lasting_cover))
 
     def learn(self, source: str, axes: F64, error: F64, covariance: F64, dt_s: float) -> None:
         """Take what the pictures alone say that the told rotation is off by, (3,) in the body's axes."""
@@ -188,11 +207,13 @@ class RotationModel:
         rest = covariance + self.expected("gyro", axes).covariance - self._lasting
         spread = self._spread + np.diag([_WALK_RAD_S**2 * dt_s] * 3 + [0.0])
         gain = spread @ J.T @ np.linalg.inv(J @ spread @ J.T + rest)
-        change = gain @ error
+        # The error is that beyond what was made good.
+        innovation = error - J @ (self._state - self._used)
+        change = gain @ innovation
         keep = np.eye(4) - gain @ J
         self._state = self._state + change
         self._spread = keep @ spread @ keep.T + gain @ rest @ gain.T
-        return np.asarray(error - J @ change)
+        return np.asarray(innovation - J @ change)
 
     def state(self) -> dict[str, Any]:
         """Everything that was learned, to be kept."""

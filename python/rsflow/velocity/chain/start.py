@@ -93,7 +93,7 @@ def whole_shift(
         roi = (x, y, size[0] - 2 * x, size[1] - 2 * y)
     shift = estimate_shift(prev, after, roi=roi, mask=mask, next_mask=mask_after)
     if shift.status is ShiftStatus.AMBIGUOUS:
-        most = max(longest_px / float(scale.max()), 1.0)
+        most = max(longest_px / float(scale.max()), 1.0) if np.isfinite(longest_px) else None
         shift = estimate_shift(prev, after, roi=roi, mask=mask, next_mask=mask_after, max_displacement=most)
     return np.array([shift.dx, shift.dy]) * scale, shift.status
 

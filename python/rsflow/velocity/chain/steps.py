@@ -147,6 +147,12 @@ class Chain:
         side = side / np.linalg.norm(side)
         return "attitude", turn, np.stack([side, np.cross(second, side), second]) @ R.T
 
+    def _expected_px(self, led: F64, turn: F64) -> F64:
+        """Give how the middle of the picture should move, (2,), by where the motion before leads and what was told."""
+        x, y = led[:2]
+        a, b = (turn + led[3:])[:2]
+        return np.array([-x - b, -y + a]) * (self._settings.camera.fx, self._settings.camera.fy)
+
     def _growth(self, source: str, turn: F64, dt: float) -> F64:
         """Give how much the rotation grows from one interval to the next, in radians."""
         told, self._told_rates = self._told_rates, [*self._told_rates, turn / dt][-2:] if source == "gyro" else []
@@ -185,7 +191,7 @@ class Chain:
             status = found.status if sees_ground(settings.camera, down) else VelocityStatus.NO_GROUND
             return unmeasured(status, t_s, dt)
         moved, count = motion.moved_px(), motion.count
-        expected_px = None if led is None else -led[:2] * (settings.camera.fx, settings.camera.fy)
+        expected_px = None if led is None else self._expected_px(led, turn)
         if self._watch.is_repeated(motion.residual, moved, expected_px):
             self.prev, self.prev_t_s = prev, before
             self._follower.take_back()
@@ -202,7 +208,7 @@ class Chain:
         expected = self.rotation.expected(source, axes)
         inside, cover = ((R.T @ part @ R) * dt**2 for part in (expected.covariance, expected.cover))
         at = np.zeros(2)
-        known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at))
+        known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at, carried=told.down is None))
         for _ in range(_AGAIN):
             if exact or np.abs(known.values[6:]).max() < _TILTED_RAD:
                 break
@@ -215,7 +221,7 @@ class Chain:
             if again is None or not again.settled:
                 break
             motion = again
-            known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at))
+            known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at, carried=told.down is None))
         return self._told_velocity((before, told), (turn, interval), motion, known, source, exact)
 
     def _told_velocity(
@@ -249,14 +255,17 @@ class Chain:
         per_way = height.height_m / dt
         velocity = way * per_way
         square = np.outer(velocity, velocity)
+        # Straight down that the rotation carried along shares its errors.
+        carried = told.down is None
+        turned = known.both if carried else known.rotation
         common = np.array([_COMMON_PX / settings.camera.fx, _COMMON_PX / settings.camera.fy, 0.0])
         parts = {
             "displacement": (known.noise[:3, :3] + np.diag(common**2)) * per_way**2,
-            "gyro" if source == "gyro" else "rotation": known.rotation[:3, :3] * per_way**2,
+            "gyro" if source == "gyro" else "rotation": turned[:3, :3] * per_way**2,
         }
         tipped = np.stack([np.cross(axis, velocity) for axis in np.eye(3) - np.outer(down, down)])
         parts["displacement"] += tipped.T @ tipped * _MOUNTED_RAD**2
-        if not exact:
+        if not exact and not carried:
             parts["attitude"] = (known.both - known.rotation)[:3, :3] * per_way**2
         if settings.height_std_m is not None or height.std_m > 0:
             parts["height"] = square * (height.std_m / height.height_m) ** 2
