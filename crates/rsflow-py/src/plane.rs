@@ -33,12 +33,13 @@ fn plane_tile_statuses() -> Vec<(&'static str, u8)> {
         .collect()
 }
 
-/// Motion, normal matrix, for each number its response (right side, score, curvatures); scale, residual, correlation, settled; a row for each tile (middle,
+/// Motion, normal matrix, pull, for each number its response (right side, score, curvatures); scale, residual, correlation, settled; a row for each tile (middle,
 /// displacement, residual, weight, information, correlation) and its status.
 type Found<'py> = (
     (
         Bound<'py, PyArray1<f64>>,
         Bound<'py, PyArray2<f64>>,
+        Bound<'py, PyArray1<f64>>,
         Bound<'py, PyArray2<f64>>,
     ),
     (f64, f64, f64, bool),
@@ -245,6 +246,7 @@ fn found<'py>(py: Python<'py>, fit: &PlaneFit) -> PyResult<Found<'py>> {
         (
             filled(py, TILES, Ix1(6), fit.motion.iter().copied())?,
             filled(py, TILES, Ix2(6, 6), normal)?,
+            filled(py, TILES, Ix1(6), fit.pull.iter().copied())?,
             filled(py, TILES, Ix2(known, 7 + known), responses)?,
         ),
         (fit.scale, fit.residual, fit.correlation, fit.settled),

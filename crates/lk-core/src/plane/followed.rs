@@ -116,6 +116,22 @@ impl Followed {
             .collect()
     }
 
+    /// Right side of the normal equations of the displacements alone, from where the motion is.
+    pub(super) fn pull(&self) -> PlaneMotion {
+        let variance = self.step.scale.powi(2);
+        let mut pull = PlaneMotion::default();
+        for (equation, weight) in self.equations.iter().zip(&self.step.weights) {
+            let left = equation.left(&self.step.step);
+            let [x, y] = equation
+                .informed(left)
+                .map(|value| weight / variance * value);
+            for (k, value) in pull.iter_mut().enumerate() {
+                *value += equation.slopes[0][k] * x + equation.slopes[1][k] * y;
+            }
+        }
+        pull
+    }
+
     /// Normal matrix of the unknowns, of the displacements alone.
     pub(super) fn normal(&self) -> Normal {
         self.step.normal

@@ -188,6 +188,9 @@ pub struct PlaneFit {
     /// Normal matrix of the displacements alone, without what is known of the rotation: the inverse covariance of the
     /// motion where it is not singular.
     pub normal: PlaneNormal,
+    /// What the displacements alone pull the motion by: with `normal` the right side of its normal equations, from
+    /// `motion` on. Not zero where what is known of the rotation holds against them.
+    pub pull: PlaneMotion,
     /// What each number asked for does to the displacements.
     pub responses: Vec<PlaneResponse>,
     /// Standard deviation of what the displacements leave, in those that they came with.

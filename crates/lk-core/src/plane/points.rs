@@ -103,6 +103,7 @@ pub fn fit_plane(
     Ok(Some(PlaneFit {
         motion,
         normal: followed.normal(),
+        pull: followed.pull(),
         responses: Vec::new(),
         scale: followed.step.scale,
         residual: f64::NAN,

@@ -171,6 +171,7 @@ fn result(task: &Task<'_>, followed: &Followed, numbers: &[PlaneNumber]) -> Plan
     PlaneFit {
         motion: followed.motion,
         normal: followed.normal(),
+        pull: followed.pull(),
         responses: responses(task, followed, numbers),
         scale: step.scale,
         residual: followed.noise.max(0.0).sqrt(),

@@ -90,15 +90,17 @@ class Motion:
             return np.full(2, np.nan)
         return np.asarray(np.median(self.tiles[which, 2:4], axis=0))
 
-    def rotation(self, tilt: F64 | None) -> tuple[F64, F64]:
+    def rotation(self, tilt: F64 | None, at: F64) -> tuple[F64, F64]:
         """Rotation (3,) beyond the told one that the displacements say, and its covariance.
 
-        `tilt` (2, 2) is the covariance of straight down, or None where that is exact.
+        `tilt` (2, 2) is the covariance of straight down, or None where that is exact, and `at` (2,) its mean.
         """
         normal, right = self._whole(tilt is not None)
         normal[range(3, 6), range(3, 6)] += _ANY
         if tilt is not None:
-            normal[6:, 6:] += np.linalg.inv(tilt)
+            precision = np.linalg.inv(tilt)
+            normal[6:, 6:] += precision
+            right = np.concatenate([right[:6], right[6:] + precision @ at])
         inverse = np.linalg.inv(normal)
         return inverse[3:6] @ right, np.asarray(inverse[3:6, 3:6], dtype=np.float64)
 
@@ -238,7 +240,7 @@ class Follower:
     ) -> Motion | None:
         """Find the motion near a start (6,), with this covariance (3, 3) of the rotation beyond the told one."""
         found = self._tracker.motion(_task(interval, start, levels, covariance, numbers))
-        return None if found is None else _motion(found, covariance)
+        return None if found is None else _motion(found)
 
     def fit(self, interval: Interval, matches: F64, covariance: F64, numbers: Sequence[int]) -> Motion | None:
         """Find the motion from points: rows of x, y, x, y in the next frame, covariance xx, xy, yy."""
@@ -248,7 +250,7 @@ class Follower:
         if found is None:
             return None
         # Points say nothing of lens, readout and straight down: what is known of these stands.
-        motion = _motion(found, covariance)
+        motion = _motion(found)
         return replace(motion, responses=np.zeros((len(numbers), 7 + len(numbers))))
 
 
@@ -260,10 +262,7 @@ def _task(
     return ((turn, down, interval.readout, growth), tuple(start), levels, ((0.0, 0.0, 0.0), rows), list(numbers))  # type: ignore[return-value]
 
 
-def _motion(found: _core._PlaneFound, covariance: F64) -> Motion:
-    (values, normal, responses), (scale, residual, correlation, settled), (tiles, status) = found
-    known = np.zeros((6, 6))
-    known[3:, 3:] = np.linalg.inv(covariance)
-    known[range(3), range(3)] = 1e-4
-    right = (normal + known) @ values
+def _motion(found: _core._PlaneFound) -> Motion:
+    (values, normal, pull, responses), (scale, residual, correlation, settled), (tiles, status) = found
+    right = normal @ values + pull
     return Motion(values, normal, right, responses, scale, residual, correlation, settled, tiles, status)

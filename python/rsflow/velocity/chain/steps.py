@@ -35,10 +35,14 @@ _LEADS_S = 0.5
 # A parameter is demanded where it differs from zero by this many of its own standard deviations.
 _DEMANDED = 3.0
 # Where the pictures tilt the ground by more than this, in radians, the frames are laid over each other again.
-_TILTED_RAD = 0.03
+_TILTED_RAD = 0.005
 _AGAIN = 3
 # How a rotation grows is taken from so many intervals where nothing tells it: what the rows make of it comes back.
 _GROWS = 4
+# A rotation is looked for within this deviation at least, in rad/s.
+_WIDE_RAD_S = 0.3
+# Of one of which the rows make something that cannot be told yet, nothing is learned: as it was told, give or take 0.
+_AS_TOLD_RAD_S = 1e-5
 # No mounting is known better than this, in radians: straight down and the axis that heights are measured along.
 _MOUNTED_RAD = 2.5e-4
 
@@ -153,16 +157,16 @@ class Chain:
         a, b = (turn + led[3:])[:2]
         return np.array([-x - b, -y + a]) * (self._settings.camera.fx, self._settings.camera.fy)
 
-    def _growth(self, source: str, turn: F64, dt: float) -> F64:
-        """Give how much the rotation grows from one interval to the next, in radians."""
+    def _growth(self, source: str, turn: F64, dt: float) -> F64 | None:
+        """Give how much the rotation grows from one interval to the next, in radians; None where nothing tells it."""
         told, self._told_rates = self._told_rates, [*self._told_rates, turn / dt][-2:] if source == "gyro" else []
         if source == "gyro":
             if len(told) < 2:
-                return np.zeros(3)
+                return None
             # As it is half-way through this interval: the last change, and half of how that changes.
             return np.asarray(1.5 * turn + (0.5 * told[0] - 2.0 * told[1]) * dt)
         if len(self._rates) < _GROWS:
-            return np.zeros(3)
+            return None
         return np.asarray((self._rates[-1] - self._rates[0]) * (dt / (_GROWS - 1)))
 
     def _measure(self, prev: NDArray[Any], before: float, told: Told) -> Velocity:
@@ -173,6 +177,8 @@ class Chain:
         source, turn, axes = self._told_rotation(told, self._attitude.tell(told.down), dt)
         expected = self.rotation.expected(source, axes)
         cover = (R.T @ expected.cover @ R) * dt**2
+        # Wide enough for the pictures to say what they show.
+        wide = cover + (_WIDE_RAD_S * dt) ** 2 * np.eye(3)
         led = None
         if self._led is not None and t_s - self._led[0] <= _LEADS_S:
             led = np.concatenate([self._led[1] * dt, self._led[2] * dt - turn if source == "none" else np.zeros(3)])
@@ -180,9 +186,12 @@ class Chain:
         down, tilt = self._attitude.carry(turned, cover, dt)
         exact = not tilt.any()
         numbers = (*self._lens, plane.READOUT, *(() if exact else (plane.DOWN_X, plane.DOWN_Y)))
-        interval = plane.Interval(turn, down, dt, self._readout.applied_s / dt, self._growth(source, turn, dt))
+        growth = self._growth(source, turn, dt)
+        readout = self._readout.applied_s / dt
+        told_rows = readout == 0 or growth is not None
+        interval = plane.Interval(turn, down, dt, readout, np.zeros(3) if growth is None else growth)
         longest = None if settings.max_speed_m_s is None else settings.max_speed_m_s * dt / told.height_m
-        task = Task(settings.camera, self._follower, prev, self.prev, settings.mask, interval, cover, numbers, longest)
+        task = Task(settings.camera, self._follower, prev, self.prev, settings.mask, interval, wide, numbers, longest)
         found = search.find(task, None if led is None else led.tolist())
         motion = found.motion
         if motion is None:
@@ -202,27 +211,39 @@ class Chain:
             return unmeasured(VelocityStatus.TWO_MOTIONS, t_s, dt, moved, count)
         if self._pattern.hides(prev, self.prev, moved, settings.mask):
             return unmeasured(VelocityStatus.NO_TEXTURE, t_s, dt, moved, count)
-        tilt_or_none = None if exact else tilt
-        shown, spread = motion.rotation(tilt_or_none)
-        self.rotation.learn(source, axes, R @ shown / dt, R @ spread @ R.T / dt**2, dt)
-        expected = self.rotation.expected(source, axes)
+        tilt_or_none, carried = None if exact else tilt, told.down is None
+        interval, motion, at = self._levelled(task, motion, tilt_or_none, carried)
+        shown, spread = motion.rotation(tilt_or_none, at)
+        if told_rows:
+            self.rotation.learn(source, axes, R @ shown / dt, R @ spread @ R.T / dt**2, dt)
+            expected = self.rotation.expected(source, axes)
         inside, cover = ((R.T @ part @ R) * dt**2 for part in (expected.covariance, expected.cover))
-        at = np.zeros(2)
-        known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at, carried=told.down is None))
-        for _ in range(_AGAIN):
-            if exact or np.abs(known.values[6:]).max() < _TILTED_RAD:
-                break
-            by = known.values[6:]
-            # Far from where it was taken to be: from there on again.
-            at = at - by
-            tilted = rotation_matrix([by[0], by[1], 0.0]) @ interval.down
-            interval = replace(interval, down=tilted)
-            again = self._follower.motion(interval, known.values[:6].tolist(), cover, numbers=numbers)
-            if again is None or not again.settled:
-                break
-            motion = again
-            known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at, carried=told.down is None))
+        if not told_rows:
+            inside = (_AS_TOLD_RAD_S * dt) ** 2 * np.eye(3)
+        known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at, carried=carried))
         return self._told_velocity((before, told), (turn, interval), motion, known, source, exact)
+
+    def _levelled(
+        self, task: Task, motion: plane.Motion, tilt: F64 | None, carried: bool
+    ) -> tuple[plane.Interval, plane.Motion, F64]:
+        """Lay the frames over each other again where straight down is not where it was taken to be.
+
+        Gives the interval and the motion, and where straight down was before, from there, (2,).
+        """
+        interval, at = task.interval, np.zeros(2)
+        for _ in range(_AGAIN if tilt is not None else 0):
+            known = motion.known(plane.Prior.of(task.covariance, task.covariance, tilt, at, carried=carried))
+            by = known.values[6:]
+            if np.abs(by).max() < _TILTED_RAD:
+                break
+            at = at - by
+            interval = replace(interval, down=rotation_matrix([by[0], by[1], 0.0]) @ interval.down)
+            start = known.values[:6].tolist()
+            again = self._follower.motion(interval, start, task.covariance, numbers=task.numbers)
+            if again is None or not again.settled:
+                return task.interval, motion, np.zeros(2)
+            motion = again
+        return interval, motion, at
 
     def _told_velocity(
         self,
