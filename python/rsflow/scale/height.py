@@ -127,7 +127,7 @@ def height_from_speed(
     --------
     >>> import rsflow
     >>> flight = rsflow.synthetic.flight(frames=5, height_m=0.5, velocity_m_s=(0.06, -0.03, 0.0), seed=1)
-    >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=1.0)
+    >>> estimator = rsflow.VelocityEstimator(flight.camera, height_m=1.0, rate_std_rad_s=0.0)
     >>> velocities = [estimator.update(frame.image, frame.t_s) for frame in flight][1:]
     >>> height = rsflow.height_from_speed(velocities, (0.06, -0.03), speed_std_m_s=0.0005)
     >>> round(height.height_m, 2), 0.002 < height.std_m < 0.02

@@ -27,6 +27,8 @@ const MIN_TILES: usize = 24;
 const VARIED: f64 = 1e-6;
 /// Steps below this, in pixels, end the rounds.
 const SETTLED_PX: f64 = 0.004;
+/// So many times that is settled all the same where no round is left: noise keeps small frames moving.
+const NEARLY: f64 = 5.0;
 /// Rounds on a coarse level and on the finest one.
 const ROUNDS: [usize; 2] = [3, 6];
 /// Longest motion of a tile, in pixels, at which what is fixed to the sensor could be told from the plane.
@@ -79,9 +81,9 @@ impl Task<'_> {
                     motion[k] += found.step.step[k];
                 }
                 let enough = SETTLED_PX * f64::from(1u32 << level);
-                found.settled = moved < enough;
+                found.settled = moved < NEARLY * enough;
                 found.motion = motion;
-                let done = found.settled || (level > 0 && round > 0 && moved < 8.0 * enough);
+                let done = moved < enough || (level > 0 && round > 0 && moved < 8.0 * enough);
                 last = Some(found);
                 if done {
                     break;

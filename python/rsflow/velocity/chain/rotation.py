@@ -32,6 +32,8 @@ _MOST = 20.0
 # Errors are there where they exceed what noise makes of them by so many deviations of that.
 _CLEAR = 9.0
 _FEW = 3.0
+# What pictures tell to no more than this, in rad/s, must be clearer still.
+_NARROW_RAD_S = 0.05
 # A declared deviation is believed unless what is seen exceeds it by so many deviations of what is seen.
 _BELIEVED = 4.0
 # Deviations of a rate of which none is expected: not zero, for it is divided by.
@@ -85,9 +87,12 @@ class Excess:
         self.count = np.zeros(3)
         self.squares = np.zeros(3)
         self.noise = np.zeros(3)
+        # Variances of what looks like an error and is none.
+        self.smooth = np.zeros(3)
 
-    def learn(self, error: F64, noise: F64, dt_s: float) -> None:
-        """Take an error (3,) whose own noise has these variances (3,)."""
+    def learn(self, error: F64, noise: F64, smooth: F64, dt_s: float) -> None:
+        """Take an error (3,) whose own noise has these variances (3,), and what may look like one these."""
+        self.smooth = smooth
         keep = np.exp(-max(dt_s, 0.0) / _MEMORY_S)
         most = _MOST**2 * (noise + self.seen() if self.count.all() else np.full(3, np.inf))
         self.count = keep * self.count + 1.0
@@ -106,7 +111,10 @@ class Excess:
         if not self.count.all():
             return seen
         # A few squares scatter further than their deviation says, and noise has more causes than chance.
-        return np.where(seen > _CLEAR * (1.0 + _FEW / self.count) * self.doubt(), seen, 0.0)
+        doubt = self.doubt() + self.smooth * np.sqrt(2.0 / self.count)
+        # A narrow view tells a turn badly, and errors that are not of chance weigh most there.
+        narrow = 1.0 + self.noise / self.count / _NARROW_RAD_S**2
+        return np.where(seen > _CLEAR * (1.0 + _FEW / self.count) * narrow * doubt, seen, 0.0)
 
     def doubt(self) -> F64:
         """Give the standard deviation of `likely` where there is no excess."""
@@ -195,11 +203,12 @@ class RotationModel:
 
         return Expected(np.zeros(3), turned(likely, lasting), turned(cover, lasting_cover))
 
-    def learn(self, source: str, axes: F64, error: F64, covariance: F64, dt_s: float) -> None:
+    def learn(self, source: str, axes: F64, error: F64, covariance: F64, smooth: F64, dt_s: float) -> None:
         """Take what the pictures alone say that the told rotation is off by, (3,) in the body's axes."""
         if source == "gyro":
             error = self._corrected(axes, error, covariance, dt_s)
-        self._excess[source].learn(axes @ error, np.einsum("ij,jk,ik->i", axes, covariance, axes), dt_s)
+        own, other = (np.einsum("ij,jk,ik->i", axes, spread, axes) for spread in (covariance, smooth))
+        self._excess[source].learn(axes @ error, own, other, dt_s)
 
     def _corrected(self, axes: F64, error: F64, covariance: F64, dt_s: float) -> F64:
         """Learn bias and delay from an error (Kalman's filter), and give what they leave of it."""
@@ -219,11 +228,11 @@ class RotationModel:
         """Everything that was learned, to be kept."""
         kept: dict[str, Any] = {"state": self._state, "spread": self._spread, "rate": self._rate}
         for name, excess in self._excess.items():
-            kept[name] = np.stack([excess.count, excess.squares, excess.noise])
+            kept[name] = np.stack([excess.count, excess.squares, excess.noise, excess.smooth])
         return kept
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Take over what `state` gave."""
         self._state, self._spread, self._rate = kept["state"], kept["spread"], kept["rate"]
         for name, excess in self._excess.items():
-            excess.count, excess.squares, excess.noise = kept[name]
+            excess.count, excess.squares, excess.noise, excess.smooth = kept[name]

@@ -41,6 +41,11 @@ _AGAIN = 3
 _GROWS = 4
 # A rotation is looked for within this deviation at least, in rad/s.
 _WIDE_RAD_S = 0.3
+# Fewer tiles than this judge their own noise badly: what they say of the rotation has this many times the variance.
+_FEW_TILES = 16
+_FEW_WORSE = 10.0
+# And an error in pixels that varies smoothly over the picture, as that of a turn does, may look like one.
+_SMOOTH_PX = 0.0015
 # Of one of which the rows make something that cannot be told yet, nothing is learned: as it was told, give or take 0.
 _AS_TOLD_RAD_S = 1e-5
 # No mounting is known better than this, in radians: straight down and the axis that heights are measured along.
@@ -93,6 +98,7 @@ class Chain:
         self._settings = settings
         self._follower = plane.Follower(settings.camera)
         self._lens = budget.wanted(settings.camera)
+        self._smooth = _smooth_error(settings.camera)
         self.prev: NDArray[Any] | None = None
         self.prev_t_s = np.nan
         self.rotation = RotationModel(settings.rate_std_rad_s, settings.rate_delay_std_s)
@@ -215,7 +221,10 @@ class Chain:
         interval, motion, at = self._levelled(task, motion, tilt_or_none, carried)
         shown, spread = motion.rotation(tilt_or_none, at)
         if told_rows:
-            self.rotation.learn(source, axes, R @ shown / dt, R @ spread @ R.T / dt**2, dt)
+            if motion.count < _FEW_TILES:
+                spread = _FEW_WORSE * spread
+            spread, smooth = (R @ part @ R.T / dt**2 for part in (spread, self._smooth))
+            self.rotation.learn(source, axes, R @ shown / dt, spread, smooth, dt)
             expected = self.rotation.expected(source, axes)
         inside, cover = ((R.T @ part @ R) * dt**2 for part in (expected.covariance, expected.cover))
         if not told_rows:
@@ -231,7 +240,8 @@ class Chain:
         Gives the interval and the motion, and where straight down was before, from there, (2,).
         """
         interval, at = task.interval, np.zeros(2)
-        for _ in range(_AGAIN if tilt is not None else 0):
+        # Points that stand in for tiles say nothing of it.
+        for _ in range(_AGAIN if tilt is not None and np.isfinite(motion.correlation) else 0):
             known = motion.known(plane.Prior.of(task.covariance, task.covariance, tilt, at, carried=carried))
             by = known.values[6:]
             if np.abs(by).max() < _TILTED_RAD:
@@ -343,6 +353,17 @@ class Chain:
 
 
 _PARTS = ("rotation", "_attitude", "_heights", "_watch", "_pattern", "_readout")
+
+
+def _smooth_error(camera: Camera) -> F64:
+    """Give the covariance (3, 3) of a rotation that a smooth error of the displacements looks like, in radians squared.
+
+    A turn about y moves the picture by 1 + x^2: only the scatter of x^2 over the picture tells it from a way.
+    """
+    x, y = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
+    of_square, of_line = 0.298, 0.577
+    slopes = np.array([camera.fy * of_square * y * y, camera.fx * of_square * x * x, camera.fx * of_line * max(x, y)])
+    return np.diag((_SMOOTH_PX / slopes) ** 2)
 
 
 def _demanded(velocity: F64, covariance: F64, yaw: float) -> tuple[str, ...]:
