@@ -182,6 +182,10 @@ impl PyPlaneTracker {
 
 /// The motion over a plane from points: rows of x, y in the first frame, x, y in the second, covariance xx, xy, yy.
 #[pyfunction]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "the arguments of the Python function"
+)]
 #[pyo3(signature = (model, focal, centre, coefficients, rows, matches, task))]
 fn fit_plane<'py>(
     py: Python<'py>,

@@ -1,5 +1,7 @@
 //! One motion over a plane from many displacements: robust least squares with what is known of the rotation.
 
+#![allow(clippy::needless_range_loop, reason = "matrix indices")]
+
 use super::motion::{PlaneMotion, UNKNOWNS};
 
 /// Tukey's biweight keeps 95 % of the efficiency of least squares under Gaussian noise with this constant.

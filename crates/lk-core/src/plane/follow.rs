@@ -77,8 +77,8 @@ impl Task<'_> {
                     break;
                 };
                 let moved = found.moved_px();
-                for k in 0..UNKNOWNS {
-                    motion[k] += found.step.step[k];
+                for (value, by) in motion.iter_mut().zip(found.step.step) {
+                    *value += by;
                 }
                 let enough = SETTLED_PX * f64::from(1u32 << level);
                 found.settled = moved < NEARLY * enough;

@@ -74,8 +74,8 @@ pub fn fit_plane(
         let Some(step) = robust(&equations, &from, [10, 10]) else {
             return Ok(None);
         };
-        for k in 0..UNKNOWNS {
-            motion[k] += step.step[k];
+        for (value, by) in motion.iter_mut().zip(step.step) {
+            *value += by;
         }
         let moved = step
             .step

@@ -147,7 +147,7 @@ impl PlaneTracker {
 }
 
 fn result(task: &Task<'_>, followed: &Followed, numbers: &[PlaneNumber]) -> PlaneFit {
-    let mut tiles: Vec<PlaneTile> = followed.tiles.iter().map(|seen| unweighed(seen)).collect();
+    let mut tiles: Vec<PlaneTile> = followed.tiles.iter().map(unweighed).collect();
     let step = &followed.step;
     for ((equation, index), weight) in
         (followed.equations.iter().zip(&followed.places)).zip(&step.weights)

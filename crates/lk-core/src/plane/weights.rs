@@ -35,10 +35,12 @@ pub(super) fn weigh(
         }
     }
     let mut total = 0;
-    for row in 0..side {
-        for column in 0..side {
-            let counts = (row..=row + 2 * REACH).all(|y| across[y][column]);
-            buffers.weight[row][column] = f32::from(u8::from(counts));
+    for (row, weights) in buffers.weight[..side].iter_mut().enumerate() {
+        for (column, weight) in weights[..side].iter_mut().enumerate() {
+            let counts = across[row..=row + 2 * REACH]
+                .iter()
+                .all(|line| line[column]);
+            *weight = f32::from(u8::from(counts));
             total += usize::from(counts);
         }
     }
