@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -121,3 +123,32 @@ def test_a_velocity_without_its_third_axis_has_no_depth() -> None:
     assert np.isnan(row["z_m"])
     assert (row["cov_zz_m2"], row["cov_xz_m2"]) == (np.inf, 0.0)
     assert np.isfinite(row["cov_xx_m2"])
+
+
+@pytest.mark.parametrize(
+    ("gyro_std", "bias_std", "noise_std"),
+    [(np.inf, 0.0, 0.06), (None, 0.06, 0.0), (0.06, 0.06, 0.0), (0.12, 0.03, 0.052)],
+    ids=["of the pictures", "a gyro of unknown make", "of the gyro alone", "of both"],
+)
+def test_a_heading_that_is_off_turns_the_way_after_it(
+    gyro_std: float | None, bias_std: float, noise_std: float
+) -> None:
+    """Rates whose error is in part drawn once and in part anew in each frame, as their deviation and the gyro's say."""
+    rng = np.random.default_rng(5)
+    std = np.hypot(bias_std, noise_std)
+    places, headings, said = [], [], []
+    for _ in range(400):
+        path = Trajectory()
+        path.add(velocity(0.0, np.zeros(3), np.nan, {}, VelocityStatus.FIRST_FRAME), 0)
+        bias = rng.normal(0, bias_std)
+        row: dict[str, float] = {}
+        for k in range(40):
+            rate = np.array([0.0, 0.0, bias + rng.normal(0, noise_std)])
+            told = velocity((k + 1) * DT, np.array([1.0, 0.0, 0.0]), np.nan, {}, VelocityStatus.OK)
+            told = dataclasses.replace(told, rate_rad_s=rate, rate_covariance=np.eye(3) * std**2)
+            row = path.add(told, k + 1, gyro_std_rad_s=gyro_std)
+        places.append((row["x_m"], row["y_m"]))
+        headings.append(row["heading_rad"])
+        said.append((row["x_std_m"], row["y_std_m"], row["heading_std_rad"]))
+    off = np.array([np.std(np.array(places)[:, 1]), np.std(headings)])
+    assert off == pytest.approx(np.mean(said, axis=0)[1:], rel=0.2)

@@ -134,16 +134,19 @@ def test_start_stop_stride_and_roi(flight, tmp_path):
 
 
 def test_heights_from_a_table(flight, tmp_path):
-    (tmp_path / "h.csv").write_text("frame,height_m\n0,\n1,\n2,0.2\n3,0.2\n")
-    out = rsflow.extract(
-        list(flight.images[:4]), tmp_path / "out", frame_rate=30, camera=flight.camera, height_m=tmp_path / "h.csv",
-        videos=False,
-    )  # fmt: skip
+    (tmp_path / "h.csv").write_text("frame,height_m\n0,0.2\n1,0.2\n2,\n3,0.2\n")
+    options = {"frame_rate": 30, "camera": flight.camera, "height_m": tmp_path / "h.csv", "videos": False}
+    # One that is missing is carried on for a while.
+    out = rsflow.extract(list(flight.images[:4]), tmp_path / "carried", **options)
+    assert [row["status"] for row in rows_of(out.files["velocity"])] == ["first_frame", "ok", "ok", "ok"]
+    assert "In 1 frame: the height is carried on by the pictures alone." in out.summary["notes"]
+    sensors = rsflow.velocity.Sensors(max_height_gap_s=0.01)
+    out = rsflow.extract(list(flight.images[:4]), tmp_path / "out", **options, sensors=sensors)
     rows = rows_of(out.files["velocity"])
-    assert [row["status"] for row in rows] == ["first_frame", "no_height", "ok", "ok"]
+    assert [row["status"] for row in rows] == ["first_frame", "ok", "no_height", "ok"]
     track = rows_of(out.files["trajectory"])
-    assert [row["segment"] for row in track] == ["1", "1", "2", "2"]
-    assert track[1]["x_m"] == "nan"
+    assert [row["segment"] for row in track] == ["1", "1", "1", "2"]
+    assert track[2]["x_m"] == "nan"
     report = out.files["report"].read_text()
     assert "no height over the ground is known at this time" in report
     assert "not measured" in report

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -16,22 +15,11 @@ import rsflow
 from rsflow import cli
 from rsflow.synthetic import Flight, Gyro, RangeFinder, flight
 from rsflow.velocity import mounting
+from sensor_helpers import table, turning, velocities, written
 
 RATE, FRAMES = 30.0, 16
 # The clock of an autopilot runs since it was started.
 START_S = 312.4
-
-
-def turning(t_s: Any) -> np.ndarray:
-    t = np.asarray(t_s, dtype=np.float64)
-    return np.stack([0.5 * np.sin(7 * t), 0.4 * np.cos(5 * t), 0.3 + 0 * t], axis=-1)
-
-
-def written(path: Path, header: str, *columns: Any) -> Path:
-    rows = np.column_stack([np.asarray(column) for column in columns])
-    text = "\n".join(",".join(repr(float(value)) for value in row) for row in rows)
-    path.write_text(f"{header}\n{text}\n", encoding="utf-8")
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -83,15 +71,6 @@ PX4 = (
 )  # fmt: skip
 
 
-def table(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-def velocities(path: Path) -> np.ndarray:
-    return np.array([[float(row[f"v{axis}_m_s"]) for axis in "xyz"] for row in table(path)])
-
-
 def expect_true(found: np.ndarray, f: Flight, R: np.ndarray) -> None:
     """All frames but the first, in the axes that `R` leads to, to 2 % of the speed."""
     true = f.velocity_m_s[1:] @ R.T
@@ -136,30 +115,6 @@ def test_pictures_with_times_of_their_own_share_the_clock_of_the_logs(
     command[0], command[command.index(str(tmp_path / "out"))] = "extract", str(tmp_path / "all")
     assert cli.main([*command, "--no-videos"]) == 0
     assert (tmp_path / "all/velocity.csv").read_bytes() == (tmp_path / "out/velocity.csv").read_bytes()
-
-
-@pytest.mark.parametrize("logs", [True, False], ids=["a gyro", "no gyro"])
-def test_the_path_of_a_flight_that_turns(tmp_path: Path, logs: bool) -> None:
-    """Three quarters of a circle: the heading is the gyro's integral, or what the picture shows of it."""
-    f = flight(frames=40, rate_hz=20.0, height_m=1.0, velocity_m_s=(1.0, 0.0, 0.0), rate_rad_s=(0.0, 0.0, 2.4), seed=2)
-    for k, image in enumerate(f.images):
-        cv2.imwrite(str(tmp_path / f"{k:03d}.png"), image)
-    f.camera.save(tmp_path / "cam.json")
-    gyro = Gyro(rate_hz=200.0, bias_rad_s=(0.0, 0.0, 0.02), seed=1).log(f)
-    written(tmp_path / "gyro.csv", "t_s,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s", gyro.t_s, *gyro.rate_rad_s.T)
-    command = ["velocity", str(tmp_path / "*.png"), "--rate", "20", "--camera", str(tmp_path / "cam.json")]
-    command += ["--height", "1", "--height-std", "0.01", "-o", str(tmp_path / "out")]
-    command += ["--rates", str(tmp_path / "gyro.csv"), "--rate-std", "0.02"] if logs else []
-    assert cli.main(command) == 0
-    rows = table(tmp_path / "out/trajectory.csv")
-    place = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
-    true = f.position_m[:, :2] - f.position_m[0, :2]
-    assert np.abs(place - true).max() < 0.04
-    assert float(rows[-1]["heading_rad"]) == pytest.approx(2.4 * f.t_s[-1], abs=0.06)
-    if logs:
-        std = np.array([[float(row["x_std_m"]), float(row["y_std_m"])] for row in rows])
-        assert (np.abs(place - true)[1:] <= 2.5 * std[1:]).all()
-        assert float(rows[-1]["heading_std_rad"]) == pytest.approx(0.02 * f.t_s[-1], rel=1e-6)
 
 
 def test_without_the_logs_the_rocking_is_taken_for_a_way(flown: tuple[Path, Flight], tmp_path: Path) -> None:
@@ -239,7 +194,7 @@ REFUSED = [
     ),
     (("--height", "1", "--rates", "gyro.csv", "--log-start", "50"), "no frame has a rate.*source's time 0, 50 s now"),
     (("--range-csv", "ranges.csv", "--height-std", "0.1"), r"got a column range_std_m and 0\.1 m for all rows"),
-    (("--height", "1", "--readout", "-1"), "readout_s: got -1.0, expected a finite number of seconds of at least 0"),
+    (("--height", "1", "--dt-std", "-1"), "dt_std_s: got -1.0, expected a finite number of seconds of at least 0"),
 ]  # fmt: skip
 
 
@@ -276,6 +231,55 @@ def test_axes_with_the_third_one_up_are_asked_about(
     printed = capsys.readouterr().out
     assert "3 of 4 frames measured" in printed
     assert "sky" not in printed
+
+
+def test_a_hole_in_the_heights_is_bridged_by_the_pictures_for_a_while_and_told(
+    flown: tuple[Path, Flight], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A range finder at 50 Hz that sees nothing from 0.1 to 0.4 s of 0.5."""
+    folder, f = flown
+    header, *rows = (folder / "ranges.csv").read_text().splitlines()
+    log = tmp_path / "hole.csv"
+    log.write_text("\n".join([header, *(row for row in rows if not 0.1 < float(row.split(",")[0]) < 0.4)]))
+    more = ["--range-csv", str(log), "--rates", str(folder / "gyro.csv"), "--attitude", str(folder / "down.csv")]
+    command = [*arguments(folder, "velocity", tmp_path / "out"), *more, "--overwrite"]
+    assert cli.main(command) == 0
+    printed = capsys.readouterr()
+    assert "have a hole of 0.3" in printed.out
+    assert "frames: the height is carried on by the pictures alone" in printed.out
+    assert "frames have no range" in printed.err
+    expect_true(velocities(tmp_path / "out/velocity.csv"), f, np.eye(3))
+    rows_out = table(tmp_path / "out/velocity.csv")
+    inside = [k for k in range(1, FRAMES) if 0.13 < f.t_s[k] < 0.37]
+    std = [float(rows_out[k]["height_std_m"]) for k in inside]
+    assert std[-1] > std[0] > 0.001
+    for k in inside:
+        off = float(rows_out[k]["height_m"]) - f.height_m[k]
+        assert abs(off) < 4 * float(rows_out[k]["height_std_m"])
+        assert "carried on" in rows_out[k]["doubts"]
+    # Not for longer than is wished.
+    assert cli.main([*command, "--max-height-gap", "0.1"]) == 0
+    statuses = [row["status"] for row in table(tmp_path / "out/velocity.csv")]
+    assert "no_height" in statuses
+    assert statuses[-1] == "ok"
+
+
+def test_a_hole_in_the_gyro_is_no_guess(flown: tuple[Path, Flight], tmp_path: Path) -> None:
+    """Where the rate is not known it is solved for, with a deviation that says so."""
+    folder, f = flown
+    header, *rows = (folder / "gyro.csv").read_text().splitlines()
+    log = tmp_path / "hole.csv"
+    log.write_text("\n".join([header, *(row for row in rows if not 0.2 < float(row.split(",")[0]) < 0.3)]))
+    more = ["--range-csv", str(folder / "ranges.csv"), "--rates", str(log), "--rate-std", "0.001"]
+    more += ["--attitude", str(folder / "down.csv")]
+    assert cli.main([*arguments(folder, "velocity", tmp_path / "out"), *more]) == 0
+    rows_out = table(tmp_path / "out/velocity.csv")
+    std = np.array([float(row["rate_z_std_rad_s"]) for row in rows_out])
+    inside = np.array([0.2 < t < 0.3 for t in f.t_s])
+    assert (std[inside] > 1.3 * np.nanmin(std)).all()
+    found, true = velocities(tmp_path / "out/velocity.csv"), f.velocity_m_s
+    deviation = np.array([[float(row[f"v{axis}_std_m_s"]) for axis in "xy"] for row in rows_out])
+    assert (np.abs(found - true)[1:, :2] <= 4 * deviation[1:]).all()
 
 
 def test_a_run_with_logs_that_was_stopped_goes_on_to_the_byte(
@@ -326,44 +330,3 @@ def test_a_log_is_not_written_over_and_counts_among_the_settings(
     log.write_text((folder / "late.csv").read_text())
     assert cli.main([*arguments(folder, "velocity", tmp_path / "out"), *more]) == 1
     assert "the result of other settings" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("mount", "camera_x", "camera_z"),
-    [
-        ("x-right", (0, 1, 0), (0, 0, 1)),
-        ("x-forward", (1, 0, 0), (0, 0, 1)),
-        ("X-Right, Y-Back", (0, 1, 0), (0, 0, 1)),
-        ("y-back", (0, 1, 0), (0, 0, 1)),
-        ("x-right,z-forward", (0, 1, 0), (1, 0, 0)),
-        ("yaw=90", (0, 1, 0), (0, 0, 1)),
-        ("yaw=-45", (np.sqrt(0.5), -np.sqrt(0.5), 0), (0, 0, 1)),
-        ("0,-1,0, 1,0,0, 0,0,1", (0, 1, 0), (0, 0, 1)),
-    ],
-)
-def test_mountings(mount: str, camera_x: tuple[float, ...], camera_z: tuple[float, ...]) -> None:
-    R = mounting(mount)
-    assert pytest.approx(camera_x, abs=1e-12) == R @ (1, 0, 0)
-    assert pytest.approx(camera_z, abs=1e-12) == R @ (0, 0, 1)
-    assert np.linalg.det(R) == pytest.approx(1.0)
-    assert mounting(R) == pytest.approx(R)
-
-
-@pytest.mark.parametrize(
-    "mount",
-    [
-        "",
-        "right",
-        "x-right,x-left",
-        "z-down",
-        "x-right,y-right",
-        "x-down",
-        "yaw=",
-        "yaw=nan",
-        "1,2,3",
-        "1 0 0 0 1 0 0 0 -1",
-    ],
-)
-def test_what_is_no_mounting(mount: str) -> None:
-    with pytest.raises(rsflow.OptionError, match=r"mount: got .*, expected an axis of the picture and where it points"):
-        mounting(mount)

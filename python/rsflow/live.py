@@ -52,7 +52,7 @@ class LiveReading:
         The frame, for a viewer.
     notes : tuple of str
         What to know of the velocities: that the camera was scaled to the size of the frames, what logs of sensors have
-        holes, and what their deviations leave out since it was not stated.
+        holes, what their deviations leave out since it was not stated, and what is odd about the frame.
     velocity : Velocity or None
         The whole of the velocity.
     known : mapping
@@ -237,15 +237,15 @@ def _measured(
                     image=frame.color if frame.color is not None else frame.image,
                     velocity=velocity,
                     known={} if ground is None else ground.known,
-                    notes=() if ground is None or velocity is None else _notes(ground, velocity.unstated),
+                    notes=() if ground is None or velocity is None else _notes(ground, velocity),
                 )
             prev = frame
 
 
-def _notes(ground: Ground, unstated: tuple[str, ...]) -> tuple[str, ...]:
+def _notes(ground: Ground, velocity: Velocity) -> tuple[str, ...]:
     from .velocity.result import not_stated
 
-    return tuple(note for note in (*ground.notes, not_stated(unstated)) if note)
+    return tuple(note for note in (*ground.notes, not_stated(velocity.unstated), *velocity.doubts) if note)
 
 
 def _velocity_fields(velocity: Any) -> dict[str, Any]:

@@ -56,8 +56,10 @@ def add_ground(parser: Arguments, *, required: bool = False) -> _MutuallyExclusi
         help="the earth's axes of quaternions (default ned)",
     )
     parser.add_argument("--down-std", type=float, metavar="RAD", help="standard deviation of where straight down is")
-    parser.add_argument("--dt-std", default=0.0, **number, help="standard deviation of the time between two frames")
-    parser.add_argument("--readout", default=0.0, **number, help="of a rolling shutter: time from first to last row")
+    parser.add_argument("--dt-std", **number, help="standard deviation of the time between two frames")
+    parser.add_argument("--readout", **number, help="of a rolling shutter: time from first to last row")
+    parser.add_argument("--max-height-gap", **number, help="how long to carry a height on by the pictures (default 1)")
+    parser.add_argument("--max-speed", type=float, metavar="M_S", help="highest speed that is possible, over tiles say")
     parser.add_argument(
         "--mount",
         metavar="HOW",
@@ -105,6 +107,8 @@ def sensors_of(args: argparse.Namespace) -> Sensors | None:
         down_std_rad=args.down_std,
         dt_std_s=args.dt_std,
         readout_s=args.readout,
+        max_height_gap_s=args.max_height_gap,
+        max_speed_m_s=args.max_speed,
         mount=args.mount,
         log_start_s=args.log_start,
     )

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         timeout_s=args.timeout,
     )
     begin = time.monotonic()
-    told: tuple[str, ...] = ()
+    told: set[str] = set()
     with exports(args, overwrite=args.overwrite) as sent:
         try:
             for count, reading in enumerate(stream, 1):
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
                 for note in () if args.json else reading.notes:
                     if note not in told:
                         print(f"note: {note}", file=sys.stderr)
-                told += reading.notes if reading.notes != told else ()
+                told.update(reading.notes)
                 print(json.dumps(reading.to_dict()) if args.json else _line(reading), flush=True)
                 if window is not None and not window.show(reading):
                     break

@@ -155,9 +155,9 @@ def _measure(args: argparse.Namespace) -> int:
         result.record()
         files, note = _write(args, rows, path, filtered)
         result.finish(list(files.values()))
-    notes = [text for text in (*sequence.notes, *ground.notes, not_stated(ground.unstated)) if text]
+    notes = [text for text in (*sequence.notes, *ground.notes, *ground.doubts(), not_stated(ground.unstated)) if text]
     summary = _summary(rows) | as_json(trajectory.figures()) | {"std_without": list(ground.unstated), "notes": notes}
-    summary |= {"variance_shares": ground.shares.shares()}
+    summary |= {"variance_shares": ground.shares.shares(), "gyro": ground.gyro()}
     summary |= sent.told()
     plot = files.get("plot", files["svg"])
     summary |= {"csv": str(files["csv"]), "trajectory": str(files["trajectory"]), "svg": str(files["svg"])}

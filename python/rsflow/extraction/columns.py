@@ -5,7 +5,7 @@ from __future__ import annotations
 __all__ = ["MOTION", "OBJECTS", "TRAJECTORY", "VELOCITY", "WORDS", "meaning"]
 
 # Columns that hold words.
-WORDS = frozenset({"status", "segmentation_status", "camera_model", "std_without"})
+WORDS = frozenset({"status", "segmentation_status", "camera_model", "std_without", "doubts"})
 
 MOTION = {
     "frame": "number of the frame in the source, counted from 0",
@@ -52,13 +52,22 @@ VELOCITY = {
     "cov_xy_m2_s2": "covariance of vx_m_s and vy_m_s; the squares of the deviations are the variances",
     "cov_xz_m2_s2": "covariance of vx_m_s and vz_m_s",
     "cov_yz_m2_s2": "covariance of vy_m_s and vz_m_s",
-    "height_m": "height over the ground that was used",
+    "height_m": "height over the ground that was used; of a range that above the plane",
+    "height_std_m": "standard deviation of height_m; 0 also where none was stated",
+    "rate_x_rad_s": "angular rate about the body's x axis since the frame before, as used: of the gyro, less what "
+    "was learned of it, or solved for",
+    "rate_y_rad_s": "the same about the y axis",
+    "rate_z_rad_s": "the same about the z axis",
+    "rate_x_std_rad_s": "standard deviation of rate_x_rad_s",
+    "rate_y_std_rad_s": "standard deviation of rate_y_rad_s",
+    "rate_z_std_rad_s": "standard deviation of rate_z_rad_s",
     "dx_px": "how far the ground went in the picture since the frame before, to the right",
     "dy_px": "the same, downwards",
     "n_points": "number of points that the velocity rests on",
     "status": "ok, or why it was not measured",
     "std_without": "what the standard deviations leave out since none was stated for it: height, focal_length, "
     "principal_point; empty where nothing",
+    "doubts": "what is odd about the frame, in sentences that semicolons part; empty where nothing is",
 }
 
 TRAJECTORY = {
@@ -116,6 +125,8 @@ _MEANINGS = {
     "too_few_points": "too few points could be followed to fit a velocity and to judge it",
     "inconsistent": "fewer than half of the points move as one plane does",
     "no_height": "no height over the ground is known at this time",
+    "repeated_frame": "the picture is the one before again: the next one is compared with that, over both intervals",
+    "two_motions": "two motions hold for parts of the picture of similar size: either may be that of the ground",
     "no_camera_motion": "the dense flow does not tell the motion of the camera, so nothing is called moving",
     "no_ground": "the camera does not look at the ground",
 }

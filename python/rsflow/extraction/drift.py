@@ -28,7 +28,8 @@ class Drift:
     Errors of the displacement are independent: their covariances add. Every other cause lasts, so that its errors add
     as they are. Those of height and time are along the velocity, and cancel on the way back; those of focal length and
     principal point likewise along each axis; what else there is (a gyro's bias, an attitude that is off) pushes in one
-    direction of the body, whichever way it goes. A heading that is off turns all of the way after it.
+    direction of the body, whichever way it goes. A heading that is off turns all of the way after it: by what lasts of
+    a rate's error, and by what is drawn anew in each frame.
     """
 
     def __init__(self) -> None:
@@ -38,6 +39,8 @@ class Drift:
         self._distance_lasting: dict[str, F64] = {}
         self._heading = np.zeros(3)
         self._heading_std = 0.0
+        # Covariance of place and heading that independent errors of the turns make.
+        self._turned = np.zeros((4, 4))
 
     def add(self, parts: Mapping[str, F64], v: F64, rotation: F64, dt_s: float) -> None:
         """Add a step of `dt_s` with the velocity `v` (3,), whose axes `rotation` turns into those of the path."""
@@ -55,22 +58,28 @@ class Drift:
             error = rotation @ _error(name, spread, v if speed > 0 else np.zeros(3)) * dt_s
             self._lasting[name] = self._lasting.get(name, 0.0) + error
             self._distance_lasting[name] = self._distance_lasting.get(name, 0.0) + direction @ error
-        self._heading = self._heading + self._heading_std * dt_s * np.array([-along[1], along[0], 0.0])
+        across = np.array([-along[1], along[0], 0.0]) * dt_s
+        self._heading = self._heading + self._heading_std * across
+        step = np.eye(4)
+        step[:3, 3] = across
+        self._turned = step @ self._turned @ step.T
 
-    def turn(self, std_rad: float) -> None:
-        """Add a turn whose deviation is `std_rad`: that of a rate, which lasts."""
-        self._heading_std += std_rad
+    def turn(self, lasting_std_rad: float, independent_std_rad: float = 0.0) -> None:
+        """Add a turn: the deviation of its error that lasts, and of that which is of this frame alone."""
+        self._heading_std += lasting_std_rad
+        self._turned[3, 3] += independent_std_rad**2
 
     @property
     def heading_std_rad(self) -> float:
         """Standard deviation of the heading."""
-        return self._heading_std
+        return math.hypot(self._heading_std, math.sqrt(float(self._turned[3, 3])))
 
     @property
     def covariance(self) -> F64:
         """Covariance of the place, (3, 3)."""
         lasting = sum((error @ error.T for error in self._lasting.values()), np.zeros((3, 3)))
-        return np.asarray(self._independent + lasting + np.outer(self._heading, self._heading), dtype=np.float64)
+        heading = np.outer(self._heading, self._heading) + self._turned[:3, :3]
+        return np.asarray(self._independent + lasting + heading, dtype=np.float64)
 
     @property
     def distance_variance(self) -> float:

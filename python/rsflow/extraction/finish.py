@@ -94,6 +94,7 @@ def _summary(
     figures = key_figures(series["motion"], series.get("velocity"), series.get("trajectory"))
     if "velocity" in series:
         figures["speed_std_without"] = list(pipeline.unstated)
+        figures["gyro"] = None if pipeline.ground is None else pipeline.ground.gyro()
         figures["speed_variance_shares"] = {} if pipeline.ground is None else pipeline.ground.shares.shares()
     if outputs.trajectory is not None:
         figures |= outputs.trajectory.figures()

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Ground"]
 
+# A delay of the rates that is learned is told from so many deviations, and so many seconds, on.
+_SURE, _LATE_S = 4.0, 1e-3
+
 
 class Ground:
     """The velocity of a source's frames; logs are read before the first one, the camera is fitted to it.
@@ -62,6 +65,8 @@ class Ground:
         self.unstated: tuple[str, ...] = ()
         # Where their variance comes from.
         self.shares = VarianceShares()
+        # In how many frames what was odd.
+        self._doubts: dict[str, int] = {}
         self.notes: list[str] = []
         if isinstance(height_m, (str, os.PathLike)):
             self._heights = Heights.read(height_m, std_m=height_std_m)
@@ -88,9 +93,8 @@ class Ground:
         self._prev_t_s = math.nan
         # What the estimator was told at the last frame: height_m or range_m, rate_rad_s, down.
         self._last: dict[str, Any] = {}
-        # Of the last interval, where the logs tell: straight down in the body's axes half-way, and the mean rate.
+        # Of the last interval, where the logs tell: straight down in the body's axes half-way.
         self.down: NDArray[np.float64] | None = None
-        self.rate_rad_s: NDArray[np.float64] | None = None
         self._prev_down: NDArray[np.float64] | None = None
 
     def _use(self, name: str, path: Any, what: str, log: Any) -> None:
@@ -124,23 +128,20 @@ class Ground:
         sensors = self.sensors
         stated: dict[str, Any] = {
             "height_m": self._height_m,
-            "height_std_m": self._height_std(),
+            "height_std_m": self._height_std_m if self._heights is None else None,
             "rate_std_rad_s": sensors.rate_std_rad_s,
             "rate_delay_std_s": sensors.rate_delay_std_s,
-            "dt_std_s": sensors.dt_std_s or None,
-            "readout_s": sensors.readout_s or None,
+            "dt_std_s": sensors.dt_std_s,
+            "readout_s": sensors.readout_s,
             "down_std_rad": sensors.down_std_rad,
+            "max_height_gap_s": sensors.max_height_gap_s,
+            "max_speed_m_s": sensors.max_speed_m_s,
             "R_body_from_camera": self._mount,
             "mask": mask,
         }
         self._estimator = VelocityEstimator(
             camera, **{name: value for name, value in stated.items() if value is not None}
         )
-
-    def _height_std(self) -> float | None:
-        """Give the deviation of all heights: of a log's, that of the least exact one."""
-        std = None if self._heights is None else self._heights.std_m
-        return self._height_std_m if std is None else float(np.nanmax(std))
 
     @property
     def is_open(self) -> bool:
@@ -157,7 +158,11 @@ class Ground:
         self._prev_t_s = frame.t_s
         self.unstated = velocity.unstated or self.unstated
         self.shares.add(velocity)
-        return velocity, velocity_row(velocity, frame=frame.index, height_m=self.known["height_m"])
+        for doubt in velocity.doubts:
+            self._doubts[doubt] = self._doubts.get(doubt, 0) + 1
+        # Of the first frame too, whose height no velocity was computed with.
+        height_m = velocity.height_m if math.isfinite(velocity.height_m) else self.known["height_m"]
+        return velocity, velocity_row(velocity, frame=frame.index, height_m=height_m)
 
     @property
     def known(self) -> dict[str, Any]:
@@ -179,13 +184,16 @@ class Ground:
         if self._heights is not None:
             height = self._heights.at(frame=frame.index, t_s=t_s)
             told["height_m" if self._heights.kind == "height" else "range_m"] = height
+            std = self._heights.std_at(frame=frame.index, t_s=t_s)
+            if math.isfinite(std):
+                told["height_std_m"] = std
             values.append(height)
         if self._rates is not None:
             before = self._prev_t_s + self.sensors.log_start_s
             rate = self._rates.mean(before, t_s, delay_s=self.sensors.rate_delay_s)
             # Of the first frame there is no interval.
             if math.isfinite(self._prev_t_s):
-                told["rate_rad_s"] = self.rate_rad_s = rate
+                told["rate_rad_s"] = rate
             values.append(rate)
         if self._attitudes is not None:
             told["down"] = down = self._attitudes.down(t_s)
@@ -198,9 +206,10 @@ class Ground:
 
     @property
     def attitude(self) -> dict[str, Any]:
-        """How the body stood and turned in the last interval, as `Trajectory.add` takes it."""
-        std = self.sensors.rate_std_rad_s or 0.0
-        return {"down": self.down, "rate_rad_s": self.rate_rad_s, "rate_std_rad_s": std}
+        """How the body stood in the last interval and what its rate came of, as `Trajectory.add` takes it."""
+        rate = self._last.get("rate_rad_s")
+        told = rate is not None and bool(np.isfinite(rate).all())
+        return {"down": self.down, "gyro_std_rad_s": self.sensors.rate_std_rad_s if told else math.inf}
 
     def missed(self) -> OptionError | None:
         """Give the error that frames were asked for and a log had nothing for any, or None."""
@@ -210,18 +219,56 @@ class Ground:
         """Say of each log for how many frames it had nothing, where that is any."""
         return [text for use in self._uses if (text := use.gaps())]
 
-    def counts(self) -> list[Any]:
-        """Give what `go_on` needs."""
-        chain = None if self._estimator is None else self._estimator.__getstate__()["state"]["_chain"]
-        return [chain, *(use.counts() for use in self._uses)]
+    def gyro(self) -> dict[str, Any] | None:
+        """Give what the pictures told of the rates: bias, and delay with that which was stated; None without rates."""
+        if self._rates is None or self._estimator is None:
+            return None
+        found = self._estimator.gyro
+        return {
+            "bias_rad_s": [-float(value) for value in found.bias_rad_s],
+            "bias_std_rad_s": [float(value) for value in found.bias_std_rad_s],
+            "delay_s": float(found.delay_s) + self.sensors.rate_delay_s,
+            "delay_std_s": float(found.delay_std_s),
+        }
 
-    def go_on(self, counts: list[Any], frame: Frame) -> None:
-        """Be as after `frame`, which was measured already."""
+    def _late(self) -> str:
+        """Say how late the rates come, where the pictures are sure of it."""
+        gyro = self.gyro()
+        off = 0.0 if gyro is None else abs(gyro["delay_s"] - self.sensors.rate_delay_s)
+        if gyro is None or not off > max(_SURE * gyro["delay_std_s"], _LATE_S):
+            return ""
+        delay, std = gyro["delay_s"], gyro["delay_std_s"]
+        return (
+            f"By the pictures the rates come {1e3 * delay:.1f} +- {1e3 * std:.1f} ms after what they are of: "
+            f"--rate-delay {delay:.4f} says so from the first frame on"
+        )
+
+    def doubts(self) -> list[str]:
+        """Say what was odd, and in how many frames, the most frequent first."""
+        found = sorted(self._doubts.items(), key=lambda item: -item[1])
+        late = self._late()
+        told = [f"In {count} frame{'' if count == 1 else 's'}: {doubt}" for doubt, count in found]
+        return [late, *told] if late else told
+
+    def state(self) -> dict[str, Any]:
+        """Give what `go_on` needs: what the estimator has learned, and what of the logs was of use."""
         assert self._estimator is not None, "open comes first"
-        self._told(frame)
-        state = self._estimator.__getstate__()
-        state["state"]["_chain"] = counts[0]
-        self._estimator.__setstate__(state)
-        self._prev_t_s = frame.t_s
-        for use, count in zip(self._uses, counts[1:], strict=True):
-            use.go_on(count)
+        return {
+            # What else it is made of, the options and the camera's file say.
+            "chain": self._estimator.__getstate__()["state"]["_chain"],
+            "logs": [use.counts() for use in self._uses],
+            "prev": (self._prev_t_s, self._prev_down),
+            "unstated": self.unstated,
+            "variance": self.shares.variance,
+            "doubts": self._doubts,
+        }
+
+    def go_on(self, state: dict[str, Any]) -> None:
+        """Be as when `state` was given."""
+        assert self._estimator is not None, "open comes first"
+        made = self._estimator.__getstate__()
+        self._estimator.__setstate__(made | {"state": made["state"] | {"_chain": state["chain"]}})
+        for use, counts in zip(self._uses, state["logs"], strict=True):
+            use.go_on(counts)
+        self._prev_t_s, self._prev_down = state["prev"]
+        self.unstated, self.shares.variance, self._doubts = state["unstated"], state["variance"], state["doubts"]

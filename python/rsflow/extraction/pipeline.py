@@ -150,9 +150,7 @@ class Pipeline:
         return {
             "decision": (self.decision.motion, self.decision.reason),
             "segmenter": self._segmenter,
-            "logs": None if self.ground is None else self.ground.counts(),
-            "unstated": self.unstated,
-            "variance": {} if self.ground is None else self.ground.shares.variance,
+            "ground": None if self.ground is None else self.ground.state(),
         }
 
     def go_on(self, saved: Saved, frame: Frame) -> None:
@@ -170,10 +168,8 @@ class Pipeline:
         self._prev, self._prev_t_s = frame.image, frame.t_s
         self._dense.update(self._counted(frame.image))
         if self.ground is not None:
-            self.ground.unstated = state["unstated"]
-            self.ground.shares.variance = state["variance"]
             self.ground.open(self.stream, self.settings.roi, self.mask)
-            self.ground.go_on(state["logs"], frame)
+            self.ground.go_on(state["ground"])
 
     def finish(self, frame: Frame, shift: Shift | None, flow: FlowField | None) -> Measured:
         """Second step: moving and static, velocity, and the rows of the tables."""
@@ -198,11 +194,13 @@ class Pipeline:
     @property
     def notes(self) -> list[str]:
         """What to know of the camera and of the logs, in sentences."""
-        return [] if self.ground is None else [*self.ground.notes, *(f"{text}." for text in self.ground.gaps())]
+        if self.ground is None:
+            return []
+        return [*self.ground.notes, *(f"{text}." for text in (*self.ground.gaps(), *self.ground.doubts()))]
 
     @property
     def attitude(self) -> dict[str, Any]:
-        """How the body stood and turned in the last interval, for the path."""
+        """How the body stood in the last interval, for the path."""
         return {} if self.ground is None else self.ground.attitude
 
     @property

@@ -61,12 +61,13 @@ class Trajectory:
         self._measured_s = 0.0
 
     def add(
-        self, velocity: Velocity, frame: int, *, down: Any = None, rate_rad_s: Any = None, rate_std_rad_s: float = 0.0
+        self, velocity: Velocity, frame: int, *, down: Any = None, gyro_std_rad_s: float | None = None
     ) -> dict[str, Any]:
         """Give the row of ``trajectory.csv`` at a velocity; its position is NaN where there is none.
 
-        `down` (3,) is straight down in the body's axes half-way through the interval, of any length, `rate_rad_s` (3,)
-        the body's rate, where they are known.
+        `down` (3,) is straight down in the body's axes half-way through the interval, of any length, where it is known.
+        `gyro_std_rad_s` is the deviation of a gyro's rate, which lasts: infinite where there was none and the rate was
+        solved for, None where there was one and nobody stated it.
         """
         row: dict[str, Any] = {"frame": frame, "t_s": velocity.t_s}
         first = velocity.status.name == "FIRST_FRAME"
@@ -75,8 +76,7 @@ class Trajectory:
         self._end_s = velocity.t_s
         if velocity.valid:
             level = _level(down)
-            turning = _turning(velocity, level, rate_rad_s, rate_std_rad_s)
-            self._step(velocity, level, *turning)
+            self._step(velocity, level, *_turning(velocity, level, gyro_std_rad_s))
         elif not first:
             self._waiting += 1
             return row | dict.fromkeys((*_PLACE, *_DEVIATIONS, *_COVARIANCES), math.nan) | {"segment": self._segment}
@@ -124,10 +124,10 @@ class Trajectory:
         gaps = self._gap_variance(self._gap_share, self._gap_change, self._gap_least)
         return math.sqrt(self._drift.distance_variance + gaps)
 
-    def _step(self, velocity: Velocity, level: Any, rate: float, rate_std: float) -> None:
+    def _step(self, velocity: Velocity, level: Any, rate: float, lasting: float, independent: float) -> None:
         dt = velocity.dt_s
         turn = rate * dt
-        self._drift.turn(rate_std * dt)
+        self._drift.turn(lasting * dt, independent * dt)
         # The velocity is in the axes half-way through the interval.
         middle = self._heading + turn / 2
         cos, sin = math.cos(middle), math.sin(middle)
@@ -202,8 +202,18 @@ def _level(down: Any) -> Any:
     return np.eye(3) + cross + cross @ cross / (1.0 + z)
 
 
-def _turning(velocity: Velocity, level: Any, rate_rad_s: Any, rate_std_rad_s: float) -> tuple[float, float]:
-    """Give the rate of the turn about straight down, and its deviation: 0 where none was stated."""
-    if rate_rad_s is not None and np.isfinite(rate_rad_s).all():
-        return float(level[2] @ rate_rad_s), rate_std_rad_s
-    return (velocity.yaw_rate_rad_s if math.isfinite(velocity.yaw_rate_rad_s) else 0.0), 0.0
+def _turning(velocity: Velocity, level: Any, gyro_std_rad_s: float | None) -> tuple[float, float, float]:
+    """Give the rate of the turn about straight down, and the deviations of its error: lasting, and of this frame alone.
+
+    A rate that comes of a gyro's (deviation g, lasting) and of the pictures' (independent) has the deviation s: the
+    gyro's part of its error is s^2 / g.
+    """
+    rate = float(level[2] @ velocity.rate_rad_s)
+    if not math.isfinite(rate):
+        return (velocity.yaw_rate_rad_s if math.isfinite(velocity.yaw_rate_rad_s) else 0.0), 0.0, 0.0
+    variance = float(level[2] @ velocity.rate_covariance @ level[2])
+    if not 0 <= variance < math.inf:
+        return rate, 0.0, 0.0
+    std = math.sqrt(variance)
+    lasting = std if gyro_std_rad_s is None or gyro_std_rad_s <= std else variance / gyro_std_rad_s
+    return rate, lasting, math.sqrt(max(variance - lasting**2, 0.0))

@@ -38,10 +38,15 @@ class Sensors:
         The earth's axes of quaternions in `attitude`: north, east, down, or east, north, up.
     down_std_rad : float, optional
         Standard deviation of the direction of straight down, about each axis.
-    dt_std_s : float
+    dt_std_s : float, optional
         Standard deviation of the time between two frames.
-    readout_s : float
-        Time between the exposures of the first and the last row of a rolling shutter.
+    readout_s : float, optional
+        Time from the exposure of the first row of a rolling shutter to that of the last; 0 where all are at once.
+        Without it, it is learned where the camera turns.
+    max_height_gap_s : float, optional
+        How long a height is carried on by the pictures where the log has none.
+    max_speed_m_s : float, optional
+        The highest speed over the ground that is possible: on tiles it tells which of several motions it was.
     mount : str or (3, 3) array_like, optional
         How the camera is mounted on the body whose axes the logs are in, see `mounting`: velocities are then in the
         body's axes. Without it the body's axes are the camera's.
@@ -52,9 +57,9 @@ class Sensors:
     --------
     >>> sensors = Sensors(rates="gyro.csv", rate_std_rad_s=0.01, mount="x-right")
     >>> sensors.validate()
-    >>> Sensors(readout_s=-1.0).validate()
+    >>> Sensors(dt_std_s=-1.0).validate()
     Traceback (most recent call last):
-    rsflow.errors.OptionError: readout_s: got -1.0, expected a finite number of seconds of at least 0
+    rsflow.errors.OptionError: dt_std_s: got -1.0, expected a finite number of seconds of at least 0, or None
     """
 
     rates: str | os.PathLike[str] | None = None
@@ -64,8 +69,10 @@ class Sensors:
     attitude: str | os.PathLike[str] | None = None
     earth: Earth = "ned"
     down_std_rad: float | None = None
-    dt_std_s: float = 0.0
-    readout_s: float = 0.0
+    dt_std_s: float | None = None
+    readout_s: float | None = None
+    max_height_gap_s: float | None = None
+    max_speed_m_s: float | None = None
     mount: str | ArrayLike | None = None
     log_start_s: float = 0.0
 
@@ -81,8 +88,10 @@ class Sensors:
         _checks.number_or_none("rate_delay_std_s", self.rate_delay_std_s, least=0, of="seconds")
         _checks.choice("earth", self.earth, ("ned", "enu"))
         _checks.number_or_none("down_std_rad", self.down_std_rad, least=0, of="radians")
-        _checks.number("dt_std_s", self.dt_std_s, least=0, of="seconds")
-        _checks.number("readout_s", self.readout_s, least=0, of="seconds")
+        _checks.number_or_none("dt_std_s", self.dt_std_s, least=0, of="seconds")
+        _checks.number_or_none("readout_s", self.readout_s, least=-10, most=10, of="seconds")
+        _checks.number_or_none("max_height_gap_s", self.max_height_gap_s, least=0, of="seconds")
+        _checks.number_or_none("max_speed_m_s", self.max_speed_m_s, above=0, of="m/s")
         if self.mount is not None:
             mounting(self.mount)
         _checks.number("log_start_s", self.log_start_s, of="seconds")

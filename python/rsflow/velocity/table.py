@@ -6,6 +6,8 @@ import os
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
+
 from .. import _checks
 from ..errors import DTypeError
 from ..io.atomic import writing
@@ -27,17 +29,25 @@ COLUMNS: tuple[str, ...] = (
     "cov_xz_m2_s2",
     "cov_yz_m2_s2",
     "height_m",
+    "height_std_m",
+    "rate_x_rad_s",
+    "rate_y_rad_s",
+    "rate_z_rad_s",
+    "rate_x_std_rad_s",
+    "rate_y_std_rad_s",
+    "rate_z_std_rad_s",
     "dx_px",
     "dy_px",
     "n_points",
     "status",
     "std_without",
+    "doubts",
 )
 
 _COVARIANCES = {"cov_xy_m2_s2": (0, 1), "cov_xz_m2_s2": (0, 2), "cov_yz_m2_s2": (1, 2)}
 
 
-def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str, Any]:
+def velocity_row(velocity: Velocity, *, frame: int, height_m: float | None = None) -> dict[str, Any]:
     """Give the row of the table for one frame: numbers by the names of `COLUMNS`, the status as a word.
 
     Parameters
@@ -46,8 +56,8 @@ def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str
         Of the frame.
     frame : int
         Its number.
-    height_m : float
-        The height it was computed with, in metres; NaN where none was known.
+    height_m : float, optional
+        The height in metres, NaN where none was known; by default that of the velocity.
 
     Returns
     -------
@@ -68,8 +78,11 @@ def velocity_row(velocity: Velocity, *, frame: int, height_m: float) -> dict[str
     """
     _checks.instance("velocity", velocity, Velocity, "a Velocity")
     frame = _checks.integer("frame", frame)
-    height_m = _checks.number("height_m", height_m, of="metres", or_nan=True)
-    known: dict[str, Any] = {**velocity.to_dict(), "frame": frame, "height_m": height_m}
+    height_m = _checks.number_or_none("height_m", height_m, of="metres", or_nan=True)
+    known: dict[str, Any] = {**velocity.to_dict(), "frame": frame, "doubts": "; ".join(velocity.doubts)}
+    known |= {"height_m": velocity.height_m if height_m is None else height_m, "height_std_m": velocity.height_std_m}
+    for axis, rate, variance in zip("xyz", velocity.rate_rad_s, np.diag(velocity.rate_covariance), strict=True):
+        known |= {f"rate_{axis}_rad_s": float(rate), f"rate_{axis}_std_rad_s": float(np.sqrt(variance))}
     for name, (i, k) in _COVARIANCES.items():
         known[name] = float(velocity.covariance[i, k])
     return {name: known[name] for name in COLUMNS}
@@ -148,7 +161,10 @@ def write_velocity_parquet(path: str | os.PathLike[str], rows: Sequence[dict[str
 
 
 def _cell(value: object) -> str:
-    return f"{value + 0.0:.9g}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return f"{value + 0.0:.9g}"
+    text = str(value)
+    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n') else text
 
 
 def table_rows(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
