@@ -38,8 +38,7 @@ class Filtered:
         """Take the velocity of the next frame, with what it was computed with."""
         if self._filter is not None:
             # The velocity's own rate has what was learned of the gyro taken off.
-            own = getattr(velocity, "rate_rad_s", None)
-            rate = known["rate_rad_s"] if own is None or not np.isfinite(own).all() else None
+            rate = None if np.isfinite(velocity.rate_rad_s).all() else known["rate_rad_s"]
             now = self._filter.update(velocity, rate_rad_s=rate, down=known["down"])
             self._rows.append({"frame": frame, **now.to_dict()})
 

@@ -233,16 +233,14 @@ def _rate(velocity: Velocity, rate_rad_s: ArrayLike | None) -> tuple[F64, F64, b
     if rate_rad_s is not None:
         given = _checks.array("rate_rad_s", rate_rad_s, (3,), "three numbers, NaN where not known").astype(np.float64)
     by_gyro = bool(np.isfinite(given).all()) or "gyro" in velocity.parts
-    own = getattr(velocity, "rate_rad_s", None)
-    if own is None or not np.isfinite(own).all():
+    if not np.isfinite(velocity.rate_rad_s).all():
         return given, np.diag(np.full(3, np.inf)), by_gyro
     # What was learned of the gyro is taken off it, and what the pictures said of a rotation is in it.
-    spread = getattr(velocity, "rate_covariance", np.diag(np.full(3, np.inf)))
-    return np.asarray(own, dtype=np.float64), np.asarray(spread, dtype=np.float64), by_gyro
+    return velocity.rate_rad_s, velocity.rate_covariance, by_gyro
 
 
 def _height(velocity: Velocity, height_m: float | None) -> float:
-    own = float(getattr(velocity, "height_m", math.nan))
+    own = velocity.height_m
     if height_m is not None:
         given = _checks.number("height_m", height_m, above=0, most=_MOST, of="metres", or_nan=True)
         return given if math.isfinite(given) else own

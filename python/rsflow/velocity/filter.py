@@ -297,7 +297,7 @@ class VelocityFilter(Shared):
         change = (rate - self._rate) / spacing if known else np.full(3, np.nan)  # type: ignore[operator]
         self._rate = rate
         if rate is not None:
-            own = np.asarray(getattr(velocity, "rate_covariance", np.full((3, 3), np.nan)), dtype=np.float64)
+            own = velocity.rate_covariance
             variance = float(straight @ own @ straight) if np.isfinite(own).all() else std**2
             gyro = np.append(-straight, float(straight @ np.nan_to_num(change)))
             # A Gauss-Markov process of this time constant adds to an angle as errors that last twice as long.

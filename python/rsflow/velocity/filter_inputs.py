@@ -52,8 +52,7 @@ def rate_of(velocity: Velocity, rate_rad_s: ArrayLike | None) -> F64 | None:
     if rate_rad_s is not None:
         rate = _vector("rate_rad_s", rate_rad_s, "three numbers")
         return rate if np.isfinite(rate).all() else None
-    own = getattr(velocity, "rate_rad_s", None)
-    return None if own is None or not np.isfinite(own).all() else np.asarray(own, dtype=np.float64)
+    return velocity.rate_rad_s if np.isfinite(velocity.rate_rad_s).all() else None
 
 
 def residual_of(rate: ArrayLike | None, covariance: ArrayLike | None, estimates: bool) -> tuple[F64, F64] | None:
@@ -80,7 +79,7 @@ def height_of(velocity: Velocity, height_m: float | None, estimates: bool) -> fl
     """Give the height; where a gyro's errors are estimated, a velocity needs one."""
     if height_m is not None:
         return _checks.number("height_m", height_m, least=0, most=_MOST, of="metres", or_nan=True)
-    own = float(getattr(velocity, "height_m", math.nan))
+    own = velocity.height_m
     if velocity.valid and estimates and not math.isfinite(own):
         raise OptionError("height_m: got None, expected the height: a gyro's errors move the velocity by it")
     return own
