@@ -71,6 +71,19 @@ def _ratio(
     return estimated(value, value * total, blocks=blocks, most_std=_RATIO_KNOWN)
 
 
+def _shared(travel: Travel, readout_s: float) -> F64:
+    """Give deviations of the unknowns from errors that all pairs share; that of the ratio stands elsewhere."""
+    share = _COMMON_PX / float(np.sqrt((travel.move_px**2).mean()))
+    speed = float(np.sqrt((travel.velocity_m_s**2).sum(axis=1).mean()))
+    change = np.diff(travel.velocity_m_s, axis=0) / travel.dt_s[1:, None]
+    rows = float(np.sqrt((travel.rows_1_s**2).mean()))
+    shared = np.zeros(4)
+    shared[YAW] = share
+    shared[DELAY] = share * speed / max(float(np.sqrt((change**2).sum(axis=1).mean())), 1e-12)
+    shared[ROWS] = np.hypot(share / max(rows, 1e-12), 0.01 * readout_s)
+    return shared
+
+
 def _without_distortion(apparent: float, camera: Camera, way: F64) -> float:
     """Ratio of the focal lengths where speeds have the ratio `apparent`.
 
@@ -172,7 +185,7 @@ def check_against_speed(
     measured = travel.velocity_m_s if vector else travel.along()[:, None]
     if float((fit.residual**2).sum()) > _MOST_LEFT**2 * float((measured**2).sum()):
         return replace(empty, status=ScaleStatus.NO_MATCH)
-    std = np.sqrt(np.diag(fit.covariance))
+    std = np.hypot(np.sqrt(np.diag(fit.covariance)), _shared(travel, float(fit.value[ROWS])))
     dt = float(np.median(travel.dt_s))
     ratio = _ratio(float(np.exp(fit.value[LOG_RATIO])), float(std[LOG_RATIO]), travel, camera, question, fit.blocks)
     findings, untold = _told(ratio, camera, question, against)
