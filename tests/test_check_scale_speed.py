@@ -79,7 +79,7 @@ def test_intervals_of_speed_and_way_hold_the_truth(readout_s):
         check = rsflow.check_scale(clip, WRONG, speed_m_s=speed, known_std=0.001, **stated)
         way = rsflow.check_scale(clip, WRONG, distance_m=speed * 0.5, known_std=0.0005, **stated)
         inside += [150.0 in check.focal_px, 150.0 in way.focal_px]
-        assert check.focal_ratio.std < (0.01 if readout_s == 0.0 else 0.03)
+        assert check.focal_ratio.std < (0.02 if readout_s == 0.0 else 0.035)
     # Speed and way of a clip share its height: 8 of them, of which 7 or 8 should be inside.
     assert np.sum(inside) >= 13
 
