@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .rotation import GyroState
-from .steps import Chain, Settings, Told
+from .settings import Settings, Told
+from .steps import Chain
 
 __all__ = ["Chain", "GyroState", "Settings", "Told"]

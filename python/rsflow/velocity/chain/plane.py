@@ -71,7 +71,8 @@ class Motion:
     @property
     def plane(self) -> NDArray[np.bool_]:
         """Which tiles move with the plane."""
-        return np.asarray(self.status == PLANE)
+        which: NDArray[np.bool_] = self.status == PLANE
+        return which
 
     @property
     def count(self) -> int:
@@ -88,7 +89,8 @@ class Motion:
         which = self.plane
         if not which.any():
             return np.full(2, np.nan)
-        return np.asarray(np.median(self.tiles[which, 2:4], axis=0))
+        ordered = np.sort(self.tiles[which, 2:4], axis=0)
+        return np.asarray(0.5 * (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]))
 
     def rotation(self, tilt: F64 | None, at: F64) -> tuple[F64, F64]:
         """Rotation (3,) beyond the told one that the displacements say, and its covariance.

@@ -80,51 +80,65 @@ class GyroState:
 
 
 class Excess:
-    """Variance of errors beyond what each observation's own noise explains, axis by axis, with a memory."""
+    """Variance of errors beyond what each observation's own noise explains, axis by axis, with a memory.
+
+    Attributes
+    ----------
+    likely : (3,) float64
+        The variance that was clearly seen: none is more likely than one that noise explains.
+    cover : (3,) float64
+        The variance that may be there.
+    doubt : (3,) float64
+        Standard deviation of the variance that is seen where there is no excess.
+    any : bool
+        Whether anything was seen yet.
+    """
 
     def __init__(self, first: F64) -> None:
         self.first = first
-        self.count = np.zeros(3)
+        self.count = 0.0
         self.squares = np.zeros(3)
         self.noise = np.zeros(3)
         # Variances of what looks like an error and is none.
         self.smooth = np.zeros(3)
+        self._tell()
+
+    def _tell(self) -> None:
+        self.any = self.count > 0
+        if not self.any:
+            self.likely = self.cover = self.doubt = self.first
+            return
+        noise, spread = self.noise / self.count, float(np.sqrt(2.0 / self.count))
+        seen = np.maximum(self.squares / self.count - noise, 0.0)
+        self.doubt = np.minimum(noise * spread, self.first)
+        self.cover = np.minimum(seen + self.doubt, np.maximum(self.first, seen))
+        # A few squares scatter further than their deviation says, and noise has more causes than chance; a narrow view
+        # tells a turn badly, and such causes weigh most there.
+        least = _CLEAR * (1.0 + _FEW / self.count) * (1.0 + noise / _NARROW_RAD_S**2)
+        self.likely = np.where(seen > least * (self.doubt + self.smooth * spread), seen, 0.0)
+        self._most = _MOST**2 * seen
 
     def learn(self, error: F64, noise: F64, smooth: F64, dt_s: float) -> None:
         """Take an error (3,) whose own noise has these variances (3,), and what may look like one these."""
+        keep = float(np.exp(-max(dt_s, 0.0) / _MEMORY_S))
+        squares = error * error
+        if self.any:
+            squares = np.minimum(squares, self._most + _MOST**2 * noise)
         self.smooth = smooth
-        keep = np.exp(-max(dt_s, 0.0) / _MEMORY_S)
-        most = _MOST**2 * (noise + self.seen() if self.count.all() else np.full(3, np.inf))
         self.count = keep * self.count + 1.0
-        self.squares = keep * self.squares + np.minimum(error * error, np.maximum(most, noise))
+        self.squares = keep * self.squares + squares
         self.noise = keep * self.noise + noise
+        self._tell()
 
-    def seen(self) -> F64:
-        """Give the variance that was seen, (3,)."""
-        if not self.count.all():
-            return self.first
-        return np.maximum(self.squares - self.noise, 0.0) / self.count
+    def state(self) -> F64:
+        """Everything that was learned, to be kept."""
+        return np.stack([np.full(3, self.count), self.squares, self.noise, self.smooth])
 
-    def likely(self) -> F64:
-        """Give the variance that was clearly seen, (3,): none is more likely than one that noise explains."""
-        seen = self.seen()
-        if not self.count.all():
-            return seen
-        # A few squares scatter further than their deviation says, and noise has more causes than chance.
-        doubt = self.doubt() + self.smooth * np.sqrt(2.0 / self.count)
-        # A narrow view tells a turn badly, and errors that are not of chance weigh most there.
-        narrow = 1.0 + self.noise / self.count / _NARROW_RAD_S**2
-        return np.where(seen > _CLEAR * (1.0 + _FEW / self.count) * narrow * doubt, seen, 0.0)
-
-    def doubt(self) -> F64:
-        """Give the standard deviation of `likely` where there is no excess."""
-        if not self.count.all():
-            return self.first
-        return np.minimum(self.noise / self.count * np.sqrt(2.0 / self.count), self.first)
-
-    def cover(self) -> F64:
-        """Variance that may be there, (3,)."""
-        return np.asarray(np.minimum(self.seen() + self.doubt(), np.maximum(self.first, self.seen())))
+    def restore(self, kept: F64) -> None:
+        """Take over what `state` gave."""
+        count, self.squares, self.noise, self.smooth = kept
+        self.count = float(count[0])
+        self._tell()
 
 
 class RotationModel:
@@ -179,38 +193,41 @@ class RotationModel:
         """Know no rate of the interval before."""
         self._rate = None
 
-    def expected(self, source: str, axes: F64) -> Expected:
+    def expected(self, source: str, axes: F64 | None) -> Expected:
         """Expect the error of a told rotation.
 
         Parameters
         ----------
         source : {"none", "attitude", "gyro"}
-        axes : (3, 3)
-            Axes, as rows in those of the body, in which errors are learned.
+        axes : (3, 3), optional
+            Axes, as rows in those of the body, in which errors are learned; by default those of the body.
         """
         excess = self._excess[source]
-        likely, cover = excess.likely(), excess.cover()
+        likely, cover = excess.likely, excess.cover
         if self._declared is not None and source != "attitude":
             declared = np.full(3, self._declared**2)
-            beyond = likely > declared + _BELIEVED * excess.doubt() if excess.count.all() else np.zeros(3, bool)
+            beyond = (likely > declared + _BELIEVED * excess.doubt) & excess.any
             likely, cover = np.where(beyond, likely, declared), np.where(beyond, cover, declared)
         none = np.zeros((3, 3))
         lasting, lasting_cover = (self._lasting, self._cover) if source == "gyro" else (none, none)
         least = _LEAST_RAD_S**2
 
         def turned(variances: F64, lasting: F64) -> F64:
+            if axes is None:
+                return np.asarray(np.diag(variances + least) + lasting)
             return np.asarray(axes.T @ ((variances + least)[:, None] * axes) + lasting)
 
         return Expected(np.zeros(3), turned(likely, lasting), turned(cover, lasting_cover))
 
-    def learn(self, source: str, axes: F64, error: F64, covariance: F64, smooth: F64, dt_s: float) -> None:
+    def learn(self, source: str, axes: F64 | None, error: F64, covariance: F64, smooth: F64, dt_s: float) -> None:
         """Take what the pictures alone say that the told rotation is off by, (3,) in the body's axes."""
         if source == "gyro":
             error = self._corrected(axes, error, covariance, dt_s)
-        own, other = (np.einsum("ij,jk,ik->i", axes, spread, axes) for spread in (covariance, smooth))
-        self._excess[source].learn(axes @ error, own, other, dt_s)
+        if axes is not None:
+            error, covariance, smooth = axes @ error, axes @ covariance @ axes.T, axes @ smooth @ axes.T
+        self._excess[source].learn(error, np.diagonal(covariance), np.diagonal(smooth), dt_s)
 
-    def _corrected(self, axes: F64, error: F64, covariance: F64, dt_s: float) -> F64:
+    def _corrected(self, axes: F64 | None, error: F64, covariance: F64, dt_s: float) -> F64:
         """Learn bias and delay from an error (Kalman's filter), and give what they leave of it."""
         J = self._jacobian
         rest = covariance + self.expected("gyro", axes).covariance - self._lasting
@@ -228,11 +245,11 @@ class RotationModel:
         """Everything that was learned, to be kept."""
         kept: dict[str, Any] = {"state": self._state, "spread": self._spread, "rate": self._rate}
         for name, excess in self._excess.items():
-            kept[name] = np.stack([excess.count, excess.squares, excess.noise, excess.smooth])
+            kept[name] = excess.state()
         return kept
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Take over what `state` gave."""
         self._state, self._spread, self._rate = kept["state"], kept["spread"], kept["rate"]
         for name, excess in self._excess.items():
-            excess.count, excess.squares, excess.noise, excess.smooth = kept[name]
+            excess.restore(kept[name])

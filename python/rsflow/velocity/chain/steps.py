@@ -5,23 +5,24 @@ docs/algorithms.md, section "Velocity over a plane: VelocityEstimator".
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..._rotation import rotation_matrix
-from ...camera.model import Camera
 from ...shift import ShiftStatus, estimate_shift
 from ..result import Velocity, VelocityStatus, unmeasured
 from . import budget, plane, search
 from .attitude import Attitude
-from .height import HeightKeeper
+from .geometry import cross, sees_ground, smooth_error
+from .height import Height, HeightKeeper
 from .others import second_motion
 from .pattern import FixedPattern
 from .readout import Readout
 from .rotation import RotationModel
+from .settings import Settings, Told
 from .task import Task
 from .watch import Watch
 
@@ -37,6 +38,9 @@ _DEMANDED = 3.0
 # Where the pictures tilt the ground by more than this, in radians, the frames are laid over each other again.
 _TILTED_RAD = 0.005
 _AGAIN = 3
+# They no longer are after so many frames that were level where they were taken to be.
+_LEVEL = 4
+_EYE = np.eye(3)
 # How a rotation grows is taken from so many intervals where nothing tells it: what the rows make of it comes back.
 _GROWS = 4
 # A rotation is looked for within this deviation at least, in rad/s.
@@ -44,51 +48,10 @@ _WIDE_RAD_S = 0.3
 # Fewer tiles than this judge their own noise badly: what they say of the rotation has this many times the variance.
 _FEW_TILES = 16
 _FEW_WORSE = 10.0
-# And an error in pixels that varies smoothly over the picture, as that of a turn does, may look like one.
-_SMOOTH_PX = 0.0015
 # Of one of which the rows make something that cannot be told yet, nothing is learned: as it was told, give or take 0.
 _AS_TOLD_RAD_S = 1e-5
 # No mounting is known better than this, in radians: straight down and the axis that heights are measured along.
 _MOUNTED_RAD = 2.5e-4
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What `VelocityEstimator` was told once and for all; see there."""
-
-    camera: Camera
-    mask: NDArray[np.bool_] | None
-    R_body_from_camera: F64
-    lever_arm_m: F64
-    height_std_m: float | None
-    rate_std_rad_s: float | None
-    rate_delay_std_s: float | None
-    dt_std_s: float | None
-    readout_s: float | None
-    down_std_rad: float | None
-    max_height_gap_s: float
-    max_speed_m_s: float | None
-
-    def unstated(self) -> tuple[str, ...]:
-        """Name what the covariance leaves out, since nobody said how exact it is."""
-        std = self.camera.std
-        known = {
-            "height": self.height_std_m is not None,
-            "focal length": "fx" in std and "fy" in std,
-            "principal point": "cx" in std and "cy" in std,
-        }
-        return tuple(name for name, stated in known.items() if not stated)
-
-
-@dataclass(frozen=True)
-class Told:
-    """What came with a frame: its time, height with deviation, rate in the body's axes, down in the camera's."""
-
-    t_s: float
-    height_m: float
-    height_std_m: float
-    rate: F64 | None
-    down: F64 | None
 
 
 class Chain:
@@ -98,7 +61,7 @@ class Chain:
         self._settings = settings
         self._follower = plane.Follower(settings.camera)
         self._lens = budget.wanted(settings.camera)
-        self._smooth = _smooth_error(settings.camera)
+        self._smooth = smooth_error(settings.camera)
         self.prev: NDArray[Any] | None = None
         self.prev_t_s = np.nan
         self.rotation = RotationModel(settings.rate_std_rad_s, settings.rate_delay_std_s)
@@ -110,6 +73,8 @@ class Chain:
         # Rates in the camera's axes of the last intervals, in rad/s: as found and as told.
         self._rates: list[F64] = []
         self._told_rates: list[F64] = []
+        # Frames in a row whose straight down was where it was taken to be.
+        self._level = 0
         # The last way in heights a second and rate in rad/s, in the camera's axes, and when they were.
         self._led: tuple[float, F64, F64] | None = None
 
@@ -139,17 +104,19 @@ class Chain:
         self.prev, self.prev_t_s = np.array(image, copy=True), t_s
         self._follower.push(self.prev, self._settings.mask)
 
-    def _told_rotation(self, told: Told, downs: tuple[F64 | None, F64 | None], dt: float) -> tuple[str, F64, F64]:
+    def _told_rotation(
+        self, told: Told, downs: tuple[F64 | None, F64 | None], dt: float
+    ) -> tuple[str, F64, F64 | None]:
         """Give what tells the rotation, its vector in the camera's axes, and the axes in which errors are learned."""
         R = self._settings.R_body_from_camera
         if told.rate is not None:
-            return "gyro", R.T @ (told.rate + self.rotation.correction(told.rate, dt)) * dt, np.eye(3)
+            return "gyro", R.T @ (told.rate + self.rotation.correction(told.rate, dt)) * dt, None
         self.rotation.forget_rate()
         first, second = downs
         if first is None or second is None:
-            return "none", np.zeros(3), np.eye(3)
+            return "none", np.zeros(3), None
         # The smallest turn that carries one into the other; about themselves they tell nothing.
-        across = np.cross(second, first)
+        across = cross(second, first)
         sine = float(np.linalg.norm(across))
         angle = float(np.arctan2(sine, second @ first))
         turn = across * (angle / sine if sine > 1e-12 else 1.0)
@@ -184,7 +151,7 @@ class Chain:
         expected = self.rotation.expected(source, axes)
         cover = (R.T @ expected.cover @ R) * dt**2
         # Wide enough for the pictures to say what they show.
-        wide = cover + (_WIDE_RAD_S * dt) ** 2 * np.eye(3)
+        wide = cover + (_WIDE_RAD_S * dt) ** 2 * _EYE
         led = None
         if self._led is not None and t_s - self._led[0] <= _LEADS_S:
             led = np.concatenate([self._led[1] * dt, self._led[2] * dt - turn if source == "none" else np.zeros(3)])
@@ -228,7 +195,7 @@ class Chain:
             expected = self.rotation.expected(source, axes)
         inside, cover = ((R.T @ part @ R) * dt**2 for part in (expected.covariance, expected.cover))
         if not told_rows:
-            inside = (_AS_TOLD_RAD_S * dt) ** 2 * np.eye(3)
+            inside = (_AS_TOLD_RAD_S * dt) ** 2 * _EYE
         known = motion.known(plane.Prior.of(inside, cover, tilt_or_none, at, carried=carried))
         return self._told_velocity((before, told), (turn, interval), motion, known, source, exact)
 
@@ -241,7 +208,8 @@ class Chain:
         """
         interval, at = task.interval, np.zeros(2)
         # Points that stand in for tiles say nothing of it.
-        for _ in range(_AGAIN if tilt is not None and np.isfinite(motion.correlation) else 0):
+        loose = tilt is not None and self._level < _LEVEL and np.isfinite(motion.correlation)
+        for _ in range(_AGAIN if loose else 0):
             known = motion.known(plane.Prior.of(task.covariance, task.covariance, tilt, at, carried=carried))
             by = known.values[6:]
             if np.abs(by).max() < _TILTED_RAD:
@@ -269,6 +237,9 @@ class Chain:
         dt, R = told.t_s - before, settings.R_body_from_camera
         way, total = known.values[:3], known.covariance
         if not exact:
+            # A tilt that comes anew is seen a frame late.
+            small = np.abs(known.values[6:]).max() < 0.5 * _TILTED_RAD
+            self._level = self._level + 1 if small else 0
             self._attitude.correct(interval.down, known.values[6:], total[6:, 6:])
         down = self._attitude.down
         self._readout.learn(*known.readout, dt)
@@ -285,22 +256,8 @@ class Chain:
             return unmeasured(VelocityStatus.NO_HEIGHT, told.t_s, dt, moved, count)
         per_way = height.height_m / dt
         velocity = way * per_way
-        square = np.outer(velocity, velocity)
-        # Straight down that the rotation carried along shares its errors.
-        carried = told.down is None
-        turned = known.both if carried else known.rotation
-        common = np.array([_COMMON_PX / settings.camera.fx, _COMMON_PX / settings.camera.fy, 0.0])
-        parts = {
-            "displacement": (known.noise[:3, :3] + np.diag(common**2)) * per_way**2,
-            "gyro" if source == "gyro" else "rotation": turned[:3, :3] * per_way**2,
-        }
-        tipped = np.stack([np.cross(axis, velocity) for axis in np.eye(3) - np.outer(down, down)])
-        parts["displacement"] += tipped.T @ tipped * _MOUNTED_RAD**2
-        if not exact and not carried:
-            parts["attitude"] = (known.both - known.rotation)[:3, :3] * per_way**2
-        if settings.height_std_m is not None or height.std_m > 0:
-            parts["height"] = square * (height.std_m / height.height_m) ** 2
-        parts |= budget.of_lens(settings.camera, self._lens, known.changes, per_way)
+        parts = self._parts(velocity, down, height, known, source, told.down is None, per_way)
+        square = velocity[:, None] * velocity
         dt_std, jitter = settings.dt_std_s, ""
         if dt_std is None:
             dt_std = self._watch.dt_std_s()
@@ -313,7 +270,7 @@ class Chain:
         body = R @ velocity
         straight = R @ down
         yaw, yaw_std = float(rate @ straight), float(np.sqrt(max(straight @ rate_covariance @ straight, 0.0)))
-        arm = np.cross(rate, settings.lever_arm_m) if settings.lever_arm_m.any() else np.zeros(3)
+        arm = cross(rate, settings.lever_arm_m)
         return Velocity(
             t_s=told.t_s,
             dt_s=dt,
@@ -337,16 +294,47 @@ class Chain:
             doubts=tuple(text for text in (doubt, jitter, self._readout.doubt) if text),
         )
 
+    def _parts(
+        self,
+        velocity: F64,
+        down: F64,
+        height: Height,
+        known: plane.Known,
+        source: str,
+        carried: bool,
+        per_way: float,
+    ) -> dict[str, F64]:
+        """Give the covariance of a velocity by cause, in the camera's axes, but that of times."""
+        settings = self._settings
+        square = velocity[:, None] * velocity
+        # Straight down that the rotation carried along shares its errors.
+        turned = known.both if carried else known.rotation
+        common = np.array([_COMMON_PX / settings.camera.fx, _COMMON_PX / settings.camera.fy, 0.0])
+        parts = {
+            "displacement": (known.noise[:3, :3] + np.diag(common**2)) * per_way**2,
+            "gyro" if source == "gyro" else "rotation": turned[:3, :3] * per_way**2,
+        }
+        # About two axes across straight down: all of a turn about any, less that about itself.
+        spun = cross(down, velocity)
+        tipped = float(velocity @ velocity) * _EYE - square - spun[:, None] * spun
+        parts["displacement"] += tipped * _MOUNTED_RAD**2
+        if len(known.values) > 6 and not carried:
+            parts["attitude"] = (known.both - known.rotation)[:3, :3] * per_way**2
+        if settings.height_std_m is not None or height.std_m > 0:
+            parts["height"] = square * (height.std_m / height.height_m) ** 2
+        return parts | budget.of_lens(settings.camera, self._lens, known.changes, per_way)
+
     def state(self) -> dict[str, Any]:
         """Everything that is known, to be kept."""
         kept: dict[str, Any] = {"prev": self.prev, "prev_t_s": self.prev_t_s, "led": self._led}
-        kept |= {"rates": self._rates, "told_rates": self._told_rates}
+        kept |= {"level": self._level, "rates": self._rates, "told_rates": self._told_rates}
         return kept | {name: getattr(self, name).state() for name in _PARTS}
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Take over what `state` gave."""
         if kept["prev"] is not None:
             self._take(kept["prev"], float(kept["prev_t_s"]))
+        self._level = int(kept["level"])
         self._led, self._rates, self._told_rates = kept["led"], kept["rates"], kept["told_rates"]
         for name in _PARTS:
             getattr(self, name).restore(kept[name])
@@ -355,29 +343,9 @@ class Chain:
 _PARTS = ("rotation", "_attitude", "_heights", "_watch", "_pattern", "_readout")
 
 
-def _smooth_error(camera: Camera) -> F64:
-    """Give the covariance (3, 3) of a rotation that a smooth error of the displacements looks like, in radians squared.
-
-    A turn about y moves the picture by 1 + x^2: only the scatter of x^2 over the picture tells it from a way.
-    """
-    x, y = 0.5 * camera.width / camera.fx, 0.5 * camera.height / camera.fy
-    of_square, of_line = 0.298, 0.577
-    slopes = np.array([camera.fy * of_square * y * y, camera.fx * of_square * x * x, camera.fx * of_line * max(x, y)])
-    return np.diag((_SMOOTH_PX / slopes) ** 2)
-
-
 def _demanded(velocity: F64, covariance: F64, yaw: float) -> tuple[str, ...]:
     """Name the unknowns that differ from zero; `yaw` is in its own deviations."""
     terms: tuple[str, ...] = ("vx", "vy")
     if abs(velocity[2]) > _DEMANDED * np.sqrt(covariance[2, 2]):
         terms += ("vz",)
     return (*terms, "yaw") if abs(yaw) > _DEMANDED else terms
-
-
-def sees_ground(camera: Camera, down: F64) -> bool:
-    """Whether at least half of the picture shows what lies less than 80 degrees from straight down."""
-    x, y = np.meshgrid(np.linspace(0, camera.width - 1, 9), np.linspace(0, camera.height - 1, 9))
-    rays = camera.undistort_points(np.column_stack([x.ravel(), y.ravel()]), normalized=True).astype(np.float64)
-    length = np.sqrt(1.0 + np.sum(rays * rays, axis=1))
-    with np.errstate(invalid="ignore"):
-        return bool(np.mean((rays @ down[:2] + down[2]) / length > 0.17) >= 0.5)
