@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rsflow import Camera, DTypeError, OptionError, ShapeError, Velocity, VelocityEstimator, VelocityStatus
-from rsflow.synthetic import Sensor, flight
+from rsflow.synthetic import Sensor, dirt, flight
 from velocity_helpers import QUIET, WIDE, vector, velocities
 
 
@@ -155,3 +155,39 @@ def test_same_pictures_give_the_same_bits_for_any_number_of_threads() -> None:
     finally:
         rsflow.set_num_threads(before)
     assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 3e38])
+@pytest.mark.parametrize("speed_m_s", [0.05, 0.0])
+def test_pixels_that_are_no_numbers_cost_no_more_than_themselves(value: float, speed_m_s: float) -> None:
+    """They neither raise, nor warn, nor change what the rest of the picture says."""
+    f = flight(frames=4, velocity_m_s=(speed_m_s, 0.0, 0.0), seed=21)
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    with np.errstate(divide="raise", over="raise", invalid="raise"):
+        for image, t_s in zip(f.images, f.t_s, strict=True):
+            broken = image.astype(np.float32)
+            broken[30, 40], broken[90, 120] = value, -value
+            v = estimator.update(broken, float(t_s))
+    assert v.valid
+    assert abs(v.vx_m_s - speed_m_s) < 4 * np.sqrt(v.covariance[0, 0])
+
+
+def test_a_broken_pixel_does_not_hide_that_dirt_stands_before_moving_ground() -> None:
+    f = flight(frames=8, velocity_m_s=(0.05, 0.02, 0.0), contrast_levels=2.0, lighting=dirt(0.5, seed=1), seed=2)
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    found = []
+    for image, t_s in zip(f.images, f.t_s, strict=True):
+        broken = image.astype(np.float32)
+        broken[3, 4] = np.nan
+        found.append(estimator.update(broken, float(t_s)))
+    # Two changes are needed to tell.
+    assert all(v.status is VelocityStatus.NO_TEXTURE for v in found[2:])
+
+
+@pytest.mark.parametrize("dt_s", [1e-12, 1e-160, 1e-300])
+def test_frames_of_one_time_in_all_but_name(dt_s: float) -> None:
+    f = flight(frames=3, velocity_m_s=(0.05, 0.0, 0.0), seed=22)
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    estimator.update(f.images[0], 0.0)
+    for k in (1, 2):
+        unmeasured(estimator.update(f.images[k], k * dt_s), VelocityStatus.TIME_NOT_INCREASING)

@@ -125,8 +125,11 @@ def _periods(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> list[F64]:
     height, width = image.shape
     factor = max(1.0, width / _WIDTH)
     frame = image.astype(np.float32)
-    if mask is not None:
-        frame = np.where(mask, frame, np.float32(frame[mask].mean() if mask.any() else 0.0))
+    known = np.isfinite(frame) if mask is None else mask & np.isfinite(frame)
+    if not known.all():
+        frame = np.where(known, frame, np.float32(frame[known].mean(dtype=np.float64) if known.any() else 0.0))
+    # Squares of what float32 holds are more than it holds.
+    frame /= max(float(np.abs(frame).max()), 1e-30)
     if factor > 1.0:
         frame = cv2.resize(frame, (round(width / factor), round(height / factor)), interpolation=cv2.INTER_AREA)
     frame = frame - cv2.GaussianBlur(frame, (0, 0), 8.0)

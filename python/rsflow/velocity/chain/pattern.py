@@ -88,9 +88,13 @@ class FixedPattern:
 
 def _change(prev: NDArray[Any], image: NDArray[Any], mask: NDArray[np.bool_] | None) -> NDArray[np.float32]:
     """Give what changed, without what moves by itself: blocks that change much more than most."""
-    change = image.astype(np.float32) - prev.astype(np.float32)
-    if mask is not None:
-        change[~mask] = 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        change = image.astype(np.float32) - prev.astype(np.float32)
+    # A pixel that is no number says nothing, here and in all frames to come.
+    known = np.isfinite(change) if mask is None else mask & np.isfinite(change)
+    change[~known] = 0.0
+    # Squares of what float32 holds are more than it holds.
+    change /= max(float(np.abs(change).max()), 1e-30)
     height, width = change.shape
     if width > _WIDTH:
         import cv2

@@ -50,6 +50,8 @@ _FEW_TILES = 16
 _FEW_WORSE = 10.0
 # Of one of which the rows make something that cannot be told yet, nothing is learned: as it was told, give or take 0.
 _AS_TOLD_RAD_S = 1e-5
+# Frames that are closer than this, in seconds, are of one time: what turns meanwhile has no square.
+_LEAST_S = 5e-10
 # No mounting is known better than this, in radians: straight down and the axis that heights are measured along.
 _MOUNTED_RAD = 2.5e-4
 
@@ -87,7 +89,7 @@ class Chain:
             self._heights.at_first(told.height_m, told.height_std_m, told.t_s)
             return unmeasured(VelocityStatus.FIRST_FRAME, told.t_s, np.nan)
         dt = told.t_s - before
-        if not dt > 0:
+        if not dt > _LEAST_S:
             self._take(image, told.t_s)
             self._attitude.tell(told.down)
             self.rotation.forget_rate()
