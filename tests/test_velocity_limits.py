@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rsflow import Camera, DTypeError, OptionError, ShapeError, Velocity, VelocityEstimator, VelocityStatus
-from rsflow.synthetic import Sensor, dirt, flight
+from rsflow.synthetic import Sensor, VehiclePart, dirt, flight
 from velocity_helpers import QUIET, WIDE, vector, velocities
 
 
@@ -191,3 +191,32 @@ def test_frames_of_one_time_in_all_but_name(dt_s: float) -> None:
     estimator.update(f.images[0], 0.0)
     for k in (1, 2):
         unmeasured(estimator.update(f.images[k], k * dt_s), VelocityStatus.TIME_NOT_INCREASING)
+
+
+@pytest.mark.parametrize("share", [0.55, 0.6, 0.65])
+@pytest.mark.parametrize("side", ["bottom", "left"])
+def test_a_vehicle_on_most_of_the_picture_is_no_standstill(share: float, side: str) -> None:
+    """What moves on the rest of the picture keeps the vehicle's own standstill from being the answer."""
+    truth = np.array([0.3, -0.12, 0.0])
+    for seed in range(3):
+        part = VehiclePart(share, side=side, seed=seed)  # type: ignore[arg-type]
+        f = flight(WIDE, frames=5, height_m=0.6, velocity_m_s=tuple(truth), lighting=part, seed=seed)
+        estimator = VelocityEstimator(f.camera, height_m=0.6)
+        for image, t_s in zip(f.images, f.t_s, strict=True):
+            v = estimator.update(image, float(t_s))
+            if v.valid:
+                assert (np.abs(vector(v) - truth) < 5 * np.sqrt(np.diag(v.covariance))).all(), (seed, v)
+
+
+def test_what_passes_on_a_fifth_of_the_picture_leaves_a_camera_standing() -> None:
+    ground = flight(WIDE, frames=5, height_m=0.6, velocity_m_s=(0.0, 0.0, 0.0), seed=1)
+    passing = flight(WIDE, frames=5, height_m=0.6, velocity_m_s=(0.15, 0.06, 0.0), seed=2)
+    estimator = VelocityEstimator(WIDE, height_m=0.6)
+    width = WIDE.width // 5
+    found = []
+    for image, other, t_s in zip(ground.images, passing.images, ground.t_s, strict=True):
+        seen = image.copy()
+        seen[:, width : 2 * width] = other[:, width : 2 * width]
+        found.append(estimator.update(seen, float(t_s)))
+    assert all(v.valid for v in found[1:])
+    assert max(v.speed_m_s for v in found[1:]) < 0.005

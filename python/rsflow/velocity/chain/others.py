@@ -16,6 +16,9 @@ F64 = NDArray[np.float64]
 
 # Another motion that holds for this part of what holds for the plane may be that of the ground.
 _COMPARABLE = 0.6
+# So is one that holds for this part of what stands still to this many pixels: that is what goes with the camera.
+_COMPARABLE_TO_STILL = 0.3
+_STILL_PX = 0.1
 # It is looked for where this part of the plane's tiles does not move with it.
 _SUSPECT = 0.15
 # A pixel is that of the motion that leaves less than this part of what the other leaves.
@@ -49,7 +52,8 @@ def second_motion(task: Task, motion: plane.Motion) -> bool:
     if np.hypot(*(shift - motion.moved_px())) < _APART_PX:
         return False
     ground, other = _supports(task, motion, shift)
-    return other >= _COMPARABLE * ground
+    still = np.hypot(*motion.moved_px()) < _STILL_PX
+    return other >= (_COMPARABLE_TO_STILL if still else _COMPARABLE) * ground
 
 
 def _around(task: Task, middles: F64, count: int) -> NDArray[np.bool_]:
