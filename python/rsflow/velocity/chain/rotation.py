@@ -84,6 +84,8 @@ class Excess:
 
     Attributes
     ----------
+    seen : (3,) float64
+        The variance that was seen; 0 before anything was.
     likely : (3,) float64
         The variance that was clearly seen: none is more likely than one that noise explains.
     cover : (3,) float64
@@ -107,9 +109,10 @@ class Excess:
         self.any = self.count > 0
         if not self.any:
             self.likely = self.cover = self.doubt = self.first
+            self.seen = np.zeros(3)
             return
         noise, spread = self.noise / self.count, float(np.sqrt(2.0 / self.count))
-        seen = np.maximum(self.squares / self.count - noise, 0.0)
+        seen = self.seen = np.maximum(self.squares / self.count - noise, 0.0)
         self.doubt = np.minimum(noise * spread, self.first)
         self.cover = np.minimum(seen + self.doubt, np.maximum(self.first, seen))
         # A few squares scatter further than their deviation says, and noise has more causes than chance; a narrow view
@@ -168,13 +171,15 @@ class RotationModel:
         self._jacobian = np.zeros((3, 4))
         self._lasting = np.zeros((3, 3))
         self._cover = np.zeros((3, 3))
+        # What noise of the rates may have made of bias and delay.
+        self._pull = np.zeros(4)
         # Bias and delay that were made good.
         self._used = np.zeros(4)
 
     @property
     def gyro(self) -> GyroState:
         """What was learned of a gyro."""
-        std = np.sqrt(np.diag(self._spread))
+        std = np.sqrt(np.diag(self._spread) + self._pull**2)
         return GyroState(self._state[:3].copy(), std[:3], float(self._state[3]), float(std[3]))
 
     def correction(self, rate: F64, dt_s: float) -> F64:
@@ -230,26 +235,31 @@ class RotationModel:
     def _corrected(self, axes: F64 | None, error: F64, covariance: F64, dt_s: float) -> F64:
         """Learn bias and delay from an error (Kalman's filter), and give what they leave of it."""
         J = self._jacobian
-        rest = covariance + self.expected("gyro", axes).covariance - self._lasting
+        # What may be there, not what is likely: with no more than that, bias and delay would be too sure.
+        rest = covariance + self.expected("gyro", axes).cover - self._cover
         spread = self._spread + np.diag([_WALK_RAD_S**2 * dt_s] * 3 + [0.0])
-        gain = spread @ J.T @ np.linalg.inv(J @ spread @ J.T + rest)
+        trust = np.linalg.inv(J @ spread @ J.T + rest)
+        gain = spread @ J.T @ trust
         # The error is that beyond what was made good.
         innovation = error - J @ (self._state - self._used)
         change = gain @ innovation
         keep = np.eye(4) - gain @ J
+        # The noise of a rate is in its slope too: an error in variables, which looks like a delay.
+        looks = float(np.diag(trust) @ self._excess["gyro"].seen) / dt_s
+        self._pull = keep @ self._pull - spread[:, 3] * looks
         self._state = self._state + change
         self._spread = keep @ spread @ keep.T + gain @ rest @ gain.T
         return np.asarray(innovation - J @ change)
 
     def state(self) -> dict[str, Any]:
         """Everything that was learned, to be kept."""
-        kept: dict[str, Any] = {"state": self._state, "spread": self._spread, "rate": self._rate}
+        kept: dict[str, Any] = {"state": self._state, "spread": self._spread, "rate": self._rate, "pull": self._pull}
         for name, excess in self._excess.items():
             kept[name] = excess.state()
         return kept
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Take over what `state` gave."""
-        self._state, self._spread, self._rate = kept["state"], kept["spread"], kept["rate"]
+        self._state, self._spread, self._rate, self._pull = (kept[n] for n in ("state", "spread", "rate", "pull"))
         for name, excess in self._excess.items():
             excess.restore(kept[name])
