@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import pytest
 
 from rsflow import Camera, DTypeError, OptionError, ShapeError, Velocity, VelocityEstimator, VelocityStatus
-from rsflow.synthetic import Sensor, VehiclePart, dirt, flight
+from rsflow.synthetic import Sensor, VehiclePart, dirt, flight, tiled_floor
 from velocity_helpers import QUIET, WIDE, vector, velocities
 
 
@@ -220,3 +222,23 @@ def test_what_passes_on_a_fifth_of_the_picture_leaves_a_camera_standing() -> Non
         found.append(estimator.update(seen, float(t_s)))
     assert all(v.valid for v in found[1:])
     assert max(v.speed_m_s for v in found[1:]) < 0.005
+
+
+def test_tiles_on_which_only_an_assumed_speed_decides_are_told() -> None:
+    """At nine tenths of a tile a frame the picture moves as at a tenth back: one of both is faster than is likely."""
+    f = flight(
+        frames=5,
+        rate_hz=60,
+        height_m=0.6,
+        velocity_m_s=(0.9 * 36 * 0.6 / 180 * 60, 0.0, 0.0),
+        ground=tiled_floor(36, seed=2),
+        seed=1,
+    )
+    estimator = VelocityEstimator(f.camera, height_m=0.6)
+    found = [estimator.update(image, float(t_s)) for image, t_s in zip(f.images, f.t_s, strict=True)][1:]
+    copied = copy.deepcopy(estimator).update(f.images[3], 1.0)
+    for v in [*found, copied]:
+        assert not v.valid or any("the ground repeats: a motion of 11 heights" in doubt for doubt in v.doubts)
+    assert any(v.valid for v in found)
+    slow = VelocityEstimator(f.camera, height_m=0.6, max_speed_m_s=2.0)
+    assert not any(slow.update(image, float(t_s)).doubts for image, t_s in zip(f.images, f.t_s, strict=True))

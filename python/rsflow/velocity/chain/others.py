@@ -103,8 +103,12 @@ def _supports(task: Task, motion: plane.Motion, shift: F64) -> tuple[int, int]:
     )
 
 
-def is_ambiguous(task: Task, motion: plane.Motion) -> bool:
-    """Say whether the ground repeats so that another likely motion explains the pictures as well."""
+def is_ambiguous(task: Task, motion: plane.Motion) -> tuple[bool, float]:
+    """Say whether the ground repeats so that another likely motion explains the pictures as well.
+
+    Beside that, how many heights a second the slowest of those is that do so and were left out as too fast; 0: none.
+    """
+    left_out = []
     focal = np.array([task.camera.fx, task.camera.fy])
     moved = motion.moved_px()
     for period in _periods(task.prev, task.mask):
@@ -118,8 +122,9 @@ def is_ambiguous(task: Task, motion: plane.Motion) -> bool:
                 continue
             likely = [np.hypot(*m.values[:2]) < task.likely for m in (motion, other)]
             if likely[1] or not likely[0]:
-                return True
-    return False
+                return True, 0.0
+            left_out.append(float(np.hypot(*other.values[:2])) / task.interval.dt_s)
+    return False, min(left_out, default=0.0)
 
 
 def _periods(image: NDArray[Any], mask: NDArray[np.bool_] | None) -> list[F64]:

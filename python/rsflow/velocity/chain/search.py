@@ -32,10 +32,15 @@ _ALIKE = 0.97
 
 @dataclass(frozen=True)
 class Found:
-    """A motion, or why there is none."""
+    """A motion, or why there is none.
+
+    `left_out` is how many heights a second another motion is that explains the pictures as well, but for its speed; 0
+    where there is none, None where the motion before led on.
+    """
 
     motion: plane.Motion | None
     status: VelocityStatus
+    left_out: float | None = None
 
 
 def find(task: Task, led: Sequence[float] | None) -> Found:
@@ -92,9 +97,10 @@ def _is_found(motion: plane.Motion) -> bool:
 
 def _sought(task: Task, motion: plane.Motion) -> Found:
     """Take a motion that nothing led to, if the ground does not repeat so that another one holds as well."""
-    if is_ambiguous(task, motion):
+    ambiguous, left_out = is_ambiguous(task, motion)
+    if ambiguous:
         return Found(None, VelocityStatus.AMBIGUOUS)
-    return Found(motion, VelocityStatus.OK)
+    return Found(motion, VelocityStatus.OK, left_out)
 
 
 def _shown(motion: plane.Motion) -> int:

@@ -79,6 +79,8 @@ class Chain:
         self._level = 0
         # The last way in heights a second and rate in rad/s, in the camera's axes, and when they were.
         self._led: tuple[float, F64, F64] | None = None
+        # How many heights a second another motion was that was left out for its speed alone; 0 where none was.
+        self._left_out = 0.0
 
     def step(self, image: NDArray[Any], told: Told) -> Velocity:
         """Take the next frame."""
@@ -169,6 +171,8 @@ class Chain:
         task = Task(settings.camera, self._follower, prev, self.prev, settings.mask, interval, wide, numbers, longest)
         found = search.find(task, None if led is None else led.tolist())
         motion = found.motion
+        if found.left_out is not None:
+            self._left_out = found.left_out
         if motion is None:
             self._led = None
             self._rates = []
@@ -293,7 +297,7 @@ class Chain:
             rate_covariance=rate_covariance,
             height_m=height.height_m,
             height_std_m=height.std_m,
-            doubts=tuple(text for text in (doubt, jitter, self._readout.doubt) if text),
+            doubts=tuple(text for text in (doubt, jitter, self._readout.doubt, self._repeats()) if text),
         )
 
     def _parts(
@@ -326,9 +330,19 @@ class Chain:
             parts["height"] = square * (height.std_m / height.height_m) ** 2
         return parts | budget.of_lens(settings.camera, self._lens, known.changes, per_way)
 
+    def _repeats(self) -> str:
+        """Tell that the ground repeats, where only a speed that nobody stated keeps another motion out."""
+        if self._left_out == 0 or self._settings.max_speed_m_s is not None:
+            return ""
+        return (
+            f"the ground repeats: a motion of {self._left_out:.2g} heights a second explains the pictures as well, "
+            "and was left out as too fast (max_speed_m_s)"
+        )
+
     def state(self) -> dict[str, Any]:
         """Everything that is known, to be kept."""
         kept: dict[str, Any] = {"prev": self.prev, "prev_t_s": self.prev_t_s, "led": self._led}
+        kept["left_out"] = self._left_out
         kept |= {"level": self._level, "rates": self._rates, "told_rates": self._told_rates}
         return kept | {name: getattr(self, name).state() for name in _PARTS}
 
@@ -337,6 +351,7 @@ class Chain:
         if kept["prev"] is not None:
             self._take(kept["prev"], float(kept["prev_t_s"]))
         self._level = int(kept["level"])
+        self._left_out = kept["left_out"]
         self._led, self._rates, self._told_rates = kept["led"], kept["rates"], kept["told_rates"]
         for name in _PARTS:
             getattr(self, name).restore(kept[name])
