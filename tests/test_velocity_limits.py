@@ -242,3 +242,21 @@ def test_tiles_on_which_only_an_assumed_speed_decides_are_told() -> None:
     assert any(v.valid for v in found)
     slow = VelocityEstimator(f.camera, height_m=0.6, max_speed_m_s=2.0)
     assert not any(slow.update(image, float(t_s)).doubts for image, t_s in zip(f.images, f.t_s, strict=True))
+
+
+def test_where_the_pictures_carried_straight_down_to_the_horizon_a_new_scene_is_level_again() -> None:
+    """Nobody tells an attitude: a camera is seen to turn away from the ground, and another scene follows."""
+    truth = np.array([0.1, 0.0, 0.0])
+    camera = Camera(300, 300, 159.5, 119.5, width=320, height=240)
+    known = {"height_m": 0.6, "rate_hz": 60}
+    away = flight(camera, frames=26, velocity_m_s=(0.0, 0.0, 0.0), rate_rad_s=(0.0, 8.0, 0.0), seed=5, **known)  # type: ignore[arg-type]
+    level = flight(camera, frames=8, velocity_m_s=tuple(truth), seed=6, **known)  # type: ignore[arg-type]
+    estimator = VelocityEstimator(camera, height_m=0.6)
+    found = [estimator.update(image, float(t_s)) for image, t_s in zip(away.images, away.t_s, strict=True)]
+    # There is an attitude that says so only where somebody told one.
+    assert all(v.status is not VelocityStatus.NO_GROUND for v in found)
+    found = [estimator.update(image, 10 + float(t_s)) for image, t_s in zip(level.images, level.t_s, strict=True)]
+    unmeasured(found[0], VelocityStatus.SCENE_CUT)
+    for v in found[1:]:
+        assert v.valid
+        assert (np.abs(vector(v) - truth) < 5 * np.sqrt(np.diag(v.covariance))).all(), v

@@ -33,6 +33,8 @@ class Attitude:
         level = _LEVEL_RAD if std_rad is None else std_rad
         self.down = np.array([0.0, 0.0, 1.0])
         self.covariance = level**2 * np.eye(2)
+        # Where it begins: level ground, or as it was told last.
+        self._begin = self.down, self.covariance
         # As it was told last, if that was at the frame before.
         self.told: F64 | None = None
 
@@ -42,6 +44,7 @@ class Attitude:
         if down is not None:
             self.down = down
             self.covariance = (self._std or 0.0) ** 2 * np.eye(2)
+            self._begin = down, (self._std or _LEVEL_RAD) ** 2 * np.eye(2)
         return before, down
 
     def carry(self, turn: F64, covariance: F64, dt_s: float) -> tuple[F64, F64]:
@@ -56,10 +59,15 @@ class Attitude:
         self.down = rotation_matrix([by[0], by[1], 0.0]) @ down
         self.covariance = 0.5 * (covariance + covariance.T)
 
+    def begin_anew(self) -> None:
+        """Forget where the pictures carried it."""
+        self.down, self.covariance = self._begin
+
     def state(self) -> dict[str, Any]:
         """Everything that is known, to be kept."""
-        return {"down": self.down, "covariance": self.covariance, "told": self.told}
+        return {"down": self.down, "covariance": self.covariance, "told": self.told, "begin": self._begin}
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Take over what `state` gave."""
         self.down, self.covariance, self.told = kept["down"], kept["covariance"], kept["told"]
+        self._begin = kept["begin"]

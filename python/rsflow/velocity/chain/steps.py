@@ -176,8 +176,13 @@ class Chain:
         if motion is None:
             self._led = None
             self._rates = []
-            status = found.status if sees_ground(settings.camera, down) else VelocityStatus.NO_GROUND
-            return unmeasured(status, t_s, dt)
+            if sees_ground(settings.camera, down):
+                return unmeasured(found.status, t_s, dt)
+            if told.down is None and source == "none":
+                # Only the pictures carried straight down there, and they lead nowhere.
+                self._attitude.begin_anew()
+                return unmeasured(found.status, t_s, dt)
+            return unmeasured(VelocityStatus.NO_GROUND, t_s, dt)
         moved, count = motion.moved_px(), motion.count
         expected_px = None if led is None else self._expected_px(led, turn)
         if self._watch.is_repeated(motion.residual, moved, expected_px):
