@@ -260,3 +260,16 @@ def test_where_the_pictures_carried_straight_down_to_the_horizon_a_new_scene_is_
     for v in found[1:]:
         assert v.valid
         assert (np.abs(vector(v) - truth) < 5 * np.sqrt(np.diag(v.covariance))).all(), v
+
+
+def test_times_that_jitter_are_noticed_at_the_third_interval() -> None:
+    f = flight(frames=8, rate_hz=60, velocity_m_s=(0.1, -0.05, 0.0), seed=23)
+    estimator = VelocityEstimator(f.camera, height_m=0.2)
+    told = f.t_s + 0.003 * (-1.0) ** np.arange(8)
+    found = [estimator.update(image, float(t_s)) for image, t_s in zip(f.images, told, strict=True)]
+    for v in found[3:]:
+        assert any("jitter" in doubt for doubt in v.doubts)
+        assert (np.abs(vector(v) - (0.1, -0.05, 0.0)) < 5 * np.sqrt(np.diag(v.covariance))).all(), v
+    estimator.reset()
+    steady = [estimator.update(image, float(t_s)) for image, t_s in zip(f.images, f.t_s, strict=True)]
+    assert not any(v.doubts for v in steady)

@@ -22,7 +22,7 @@ _STOPS = 4
 _STILL_PX = 0.25
 # Times are off where velocities scatter this many times more than displacements and than they should.
 _UNSTEADY = 2.5
-_LEAST_CHANGES = 3
+_LEAST_CHANGES = 1
 
 
 class Watch:
