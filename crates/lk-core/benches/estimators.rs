@@ -6,8 +6,9 @@ use std::hint::black_box;
 
 use criterion::Criterion;
 use lk_core::{
-    CornerDetector, CornerOptions, DenseFlow, DenseHints, DenseOptions, Execution, FlowField,
-    Masks, Preset, ShiftOptions, TrackOptions, detect_corners, estimate_shift, track_points,
+    CornerDetector, CornerOptions, DenseFlow, DenseHints, DenseOptions, Distortion, Execution,
+    FlowField, Lens, Masks, PlaneInterval, PlaneOptions, PlaneTracker, Preset, ShiftOptions,
+    TrackOptions, detect_corners, estimate_shift, track_points,
 };
 use ndarray::Array2;
 
@@ -115,11 +116,51 @@ fn dense(criterion: &mut Criterion) {
     });
 }
 
+/// A frame taken in and the motion over a level plane, begun where the frame before leads to within a pixel.
+fn plane(criterion: &mut Criterion) {
+    let one = Execution::default().threads(1);
+    for (width, height) in [(64, 64), (320, 240), (640, 480)] {
+        let frames = pair(width, height);
+        let focal = width as f64;
+        let mut bent = [0.0; 12];
+        bent[0] = -0.05;
+        let centre = [0.5 * (width - 1) as f64, 0.5 * (height - 1) as f64];
+        for (lens, distortion) in [("", [0.0; 12]), (" distorted", bent)] {
+            let camera = Lens::new([focal; 2], centre, Distortion::Brown(distortion)).unwrap();
+            let mut tracker = PlaneTracker::new(camera);
+            let options = PlaneOptions::default()
+                .rotation_std([1e-4; 3])
+                .execution(one.clone());
+            // To and fro, so that every frame is new.
+            let (mut which, mut sign) = (0, -1.0);
+            tracker.push(frames.1.view(), None, &one).unwrap();
+            let mut run = || {
+                let frame = [&frames.0, &frames.1][which];
+                tracker.push(frame.view(), None, &one).unwrap();
+                // The picture goes to the right where the camera goes to its left.
+                let way = [-sign * (SHIFT.0 + 0.5) / focal, -sign * SHIFT.1 / focal];
+                let start = [way[0], way[1], 0.0, 0.0, 0.0, 0.0];
+                let fit = tracker.motion(&PlaneInterval::default(), &start, &options);
+                (which, sign) = (1 - which, -sign);
+                (fit.unwrap().unwrap(), -sign)
+            };
+            if lens.is_empty() {
+                let (fit, sign) = run();
+                assert!((fit.motion[0] * focal + sign * SHIFT.0).abs() < 0.05);
+            }
+            criterion.bench_function(&format!("plane {width}x{height}{lens}"), |timer| {
+                timer.iter(|| black_box(run()));
+            });
+        }
+    }
+}
+
 // Not criterion's macros: what they generate is public and has no documentation.
 fn main() {
     let mut criterion = Criterion::default().configure_from_args();
     shifts(&mut criterion);
     points(&mut criterion);
     dense(&mut criterion);
+    plane(&mut criterion);
     criterion.final_summary();
 }

@@ -17,6 +17,8 @@ mod lattice;
 mod lens;
 mod motion;
 mod points;
+#[cfg(test)]
+mod properties;
 mod seen;
 #[cfg(test)]
 mod tests;
