@@ -188,7 +188,7 @@ proptest! {
         let mut weight = [[1.0f32; 32]; 32];
         for (y, row) in weight.iter_mut().enumerate() {
             for (x, value) in row.iter_mut().enumerate() {
-                *value = f32::from((x * 7 + y * 3 + seed as usize) % 5 > 0);
+                *value = ((x * 7 + y * 3 + seed as usize) % 5).min(1) as f32;
             }
         }
         let plain = plain_sums([&frames[0], &frames[1]], &place, side, weighted.then_some(&weight));
