@@ -25,6 +25,10 @@ _SUSPECT = 0.15
 _CLEARLY = 0.4
 # Motions that differ by less than this many pixels are one.
 _APART_PX = 1.0
+# A picture that moves by less than this stands still; where so many tiles beside those of the plane do not, it is in
+# doubt.
+_STILL_PX = 0.3
+_HIDDEN = 0.4
 # Side of the square over which that is asked, in pixels.
 _SIDE = 7
 # Ground repeats where a picture looks like itself elsewhere, as a correlation, further away than so many pixels.
@@ -48,7 +52,9 @@ def second_motion(task: Task, motion: plane.Motion) -> bool:
         around = _around(task, motion.tiles[others, :2], len(motion.status))
         shift, status = whole_shift(task.prev, task.image, None, around, np.inf)
         if status is not ShiftStatus.VALID:
-            return False
+            # What stands still may be part of the vehicle, and what does not the ground that it hides.
+            still = np.hypot(*motion.moved_px()) < _STILL_PX
+            return bool(still and np.count_nonzero(others) >= _HIDDEN * motion.count)
     if np.hypot(*(shift - motion.moved_px())) < _APART_PX:
         return False
     ground, other = _supports(task, motion, shift)

@@ -33,6 +33,8 @@ F64 = NDArray[np.float64]
 _COMMON_PX = 0.00015
 # A velocity leads on to the next frames for so long.
 _LEADS_S = 0.5
+# Times that are apart by no more, in seconds, are one time.
+_LEAST_S = 1e-9
 # A parameter is demanded where it differs from zero by this many of its own standard deviations.
 _DEMANDED = 3.0
 # Where the pictures tilt the ground by more than this, in radians, the frames are laid over each other again.
@@ -40,11 +42,18 @@ _TILTED_RAD = 0.005
 _AGAIN = 3
 # They no longer are after so many frames that were level where they were taken to be.
 _LEVEL = 4
+# What stands still at first may be a pattern that is fixed to the sensor, over ground that moves by so many heights a
+# second.
+_UNTOLD_HEIGHTS_S = 1.0
 _EYE = np.eye(3)
 # How a rotation grows is taken from so many intervals where nothing tells it: what the rows make of it comes back.
 _GROWS = 4
 # A rotation is looked for within this deviation at least, in rad/s.
-_WIDE_RAD_S = 0.3
+_WIDE_RAD_S = 0.015
+# Where tiles lie so many times further off than they should, it is looked for within this; and if they still do, they
+# are not those of a plane.
+_STRAINED = 8.0
+_EASED_RAD_S = 1.0
 # Fewer tiles than this judge their own noise badly: what they say of the rotation has this many times the variance.
 _FEW_TILES = 16
 _FEW_WORSE = 10.0
@@ -77,6 +86,7 @@ class Chain:
         self._told_rates: list[F64] = []
         # Frames in a row whose straight down was where it was taken to be.
         self._level = 0
+        self._untold = False
         # The last way in heights a second and rate in rad/s, in the camera's axes, and when they were.
         self._led: tuple[float, F64, F64] | None = None
         # How many heights a second another motion was that was left out for its speed alone; 0 where none was.
@@ -193,10 +203,16 @@ class Chain:
             self._led = None
             self._rates = []
             return unmeasured(VelocityStatus.TWO_MOTIONS, t_s, dt, moved, count)
+        self._untold = led is None and self._pattern.is_new(moved)
         if self._pattern.hides(prev, self.prev, moved, settings.mask):
             return unmeasured(VelocityStatus.NO_TEXTURE, t_s, dt, moved, count)
         tilt_or_none, carried = None if exact else tilt, told.down is None
         interval, motion, at = self._levelled(task, motion, tilt_or_none, carried)
+        if motion.scale > _STRAINED:
+            # No plane moves like that; but rows that are taken one after the other make it look so.
+            strained = plane.Prior.of(task.covariance, task.covariance, tilt_or_none, at, carried=carried)
+            self._readout.learn(*motion.known(strained).readout, dt)
+            return unmeasured(VelocityStatus.INCONSISTENT, t_s, dt, moved, count)
         shown, spread = motion.rotation(tilt_or_none, at)
         if told_rows:
             if motion.count < _FEW_TILES:
@@ -213,25 +229,34 @@ class Chain:
     def _levelled(
         self, task: Task, motion: plane.Motion, tilt: F64 | None, carried: bool
     ) -> tuple[plane.Interval, plane.Motion, F64]:
-        """Lay the frames over each other again where straight down is not where it was taken to be.
+        """Lay the frames over each other again where straight down or the rotation are not what they were taken to be.
 
         Gives the interval and the motion, and where straight down was before, from there, (2,).
         """
         interval, at = task.interval, np.zeros(2)
         # Points that stand in for tiles say nothing of it.
-        loose = tilt is not None and self._level < _LEVEL and np.isfinite(motion.correlation)
-        for _ in range(_AGAIN if loose else 0):
-            known = motion.known(plane.Prior.of(task.covariance, task.covariance, tilt, at, carried=carried))
-            by = known.values[6:]
-            if np.abs(by).max() < _TILTED_RAD:
+        loose = tilt is not None and self._level < _LEVEL
+        for _ in range(_AGAIN):
+            strained = motion.scale > _STRAINED
+            if not np.isfinite(motion.correlation) or not (loose or strained):
                 break
-            at = at - by
-            interval = replace(interval, down=rotation_matrix([by[0], by[1], 0.0]) @ interval.down)
-            start = known.values[:6].tolist()
-            again = self._follower.motion(interval, start, task.covariance, numbers=task.numbers)
-            if again is None or not again.settled:
-                return task.interval, motion, np.zeros(2)
-            motion = again
+            # Tiles that a wrong attitude strains tell it no worse for that.
+            strain = max(motion.scale, 1.0) ** 2
+            wide = strain * task.covariance
+            known = motion.known(
+                plane.Prior.of(wide, wide, None if tilt is None else strain * tilt, at, carried=carried)
+            )
+            by = np.zeros(2) if tilt is None else known.values[6:]
+            if not strained and np.abs(by).max() < _TILTED_RAD:
+                break
+            tilted = interval if tilt is None else replace(
+                interval, down=rotation_matrix([by[0], by[1], 0.0]) @ interval.down
+            )  # fmt: skip
+            around = wide + (_EASED_RAD_S * interval.dt_s) ** 2 * _EYE if strained else task.covariance
+            again = self._follower.motion(tilted, known.values[:6].tolist(), around, numbers=task.numbers)
+            if again is None or not again.settled or again.scale > max(motion.scale, _STRAINED):
+                break
+            interval, motion, at = tilted, again, at - by
         return interval, motion, at
 
     def _told_velocity(
@@ -275,6 +300,13 @@ class Chain:
             jitter = f"times jitter by {1e3 * dt_std:.2g} ms against a steady flow" if dt_std else ""
         if dt_std > 0:
             parts["time"] = square * (dt_std / dt) ** 2
+        jump = self._watch.jump(velocity, np.sqrt(sum(np.diag(part) for part in parts.values())), dt)
+        if jump is not None:
+            parts["time"] = parts.get("time", 0.0) + jump[:, None] * jump
+            jitter = "the velocity jumps within a frame: frames may be missing, or their times wrong"
+        if self._untold:
+            # It may be a pattern that is fixed to the sensor: the next frames tell.
+            parts["displacement"] += (_UNTOLD_HEIGHTS_S * height.height_m) ** 2 * (_EYE - np.outer(down, down))
         parts = budget.rotated(R, parts)
         covariance = np.asarray(sum(parts.values()), dtype=np.float64)
         rate, rate_covariance = R @ turning / dt, R @ total[3:6, 3:6] @ R.T / dt**2

@@ -23,6 +23,10 @@ _STILL_PX = 0.25
 # Times are off where velocities scatter this many times more than displacements and than they should.
 _UNSTEADY = 2.5
 _LEAST_CHANGES = 1
+# A camera that changes its velocity faster than this, in m/s^2, and by more than so many deviations, does not: the time
+# between two frames is wrong.
+_JUMP_M_S2 = 40.0
+_JUMP_STD = 10.0
 
 
 class Watch:
@@ -35,6 +39,8 @@ class Watch:
         """Know nothing."""
         self._residuals: list[float] = []
         self._stops = 0
+        self._velocity: F64 | None = None
+        self._jumps = 0
         self._steps: list[tuple[float, float, float, float]] = []
 
     def is_repeated(self, residual: float, moved: F64, expected: F64 | None) -> bool:
@@ -65,6 +71,20 @@ class Watch:
         if np.isfinite(residual):
             self._residuals = [*self._residuals, residual][-_FRAMES:]
         self._steps = [*self._steps, (speed, std, way, dt_s)][-_FRAMES:]
+
+    def jump(self, velocity: F64, std: F64, dt_s: float) -> F64 | None:
+        """Give by how much a velocity (3,) jumps from the one before, (3,); None where it may be so.
+
+        One that stays is taken for true the second time.
+        """
+        before = self._velocity
+        change = None if before is None else velocity - before
+        most = max(_JUMP_M_S2 * dt_s, _JUMP_STD * float(np.linalg.norm(std)))
+        if change is None or float(np.linalg.norm(change)) < most or self._jumps >= 2:
+            self._velocity, self._jumps = velocity, 0
+            return None
+        self._jumps += 1
+        return change
 
     def dt_std_s(self) -> float:
         """Deviation of the time between frames that a steady flow shows, in seconds; 0 where it shows none.
@@ -97,11 +117,18 @@ class Watch:
 
     def state(self) -> dict[str, Any]:
         """Everything that is known, to be kept."""
-        return {"residuals": self._residuals, "steps": self._steps, "stops": self._stops}
+        return {
+            "residuals": self._residuals,
+            "steps": self._steps,
+            "stops": self._stops,
+            "velocity": self._velocity,
+            "jumps": self._jumps,
+        }
 
     def restore(self, kept: dict[str, Any]) -> None:
         """Take over what `state` gave."""
         self._residuals, self._steps, self._stops = kept["residuals"], kept["steps"], kept["stops"]
+        self._velocity, self._jumps = kept["velocity"], kept["jumps"]
 
 
 def _median(values: F64) -> float:
