@@ -471,6 +471,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         {"camera": CAMERA, "path": folder / "saved.json"},
     ),
     "rsflow.extraction.ExtractSettings": lambda _: (ExtractSettings, {}),
+    "rsflow.extraction.ExtractSettings.flat": lambda _: (ExtractSettings().flat, {}),
     "rsflow.extraction.ExtractSettings.as_text": lambda _: (ExtractSettings().as_text, {}),
     "rsflow.extraction.ExtractSettings.validate": lambda _: (ExtractSettings().validate, {}),
     "rsflow.extraction.Measured": lambda _: (

@@ -59,6 +59,9 @@ CALLED = {"hostile", "type", "lambda", "error"}
 
 # Values that are no number, and no whole one; what an annotation of one type alone must refuse.
 NO_NUMBERS = ("True", "numpy True", "21", "numpy text", "bytes", "complex", "[1]", "NaT", "lambda", "2 x 3", "masked")
+# What says that a value is not known, as instruments do in a loop, and is documented so.
+MISSING = {f"rsflow.VelocityEstimator.update.{name}": ("inf", "-inf") for name in ("height_m", "range_m")}
+
 REFUSED = {
     "int": (*NO_NUMBERS, "2.9", "nan", "inf", "numpy float", "0-d float", "10**5000"),
     "float": (*NO_NUMBERS, "inf", "-inf", "10**5000"),
@@ -157,7 +160,8 @@ def test_odd_values_end_in_a_result_or_in_a_documented_error(name: str, folder: 
                 wrong.append(f"{parameter.name}={odd}: {type(error).__name__} {fault}: {str(error)[:200]}")
             annotation = str(parameter.annotation).removesuffix(" | None")
             refused = odd in REFUSED.get(annotation, ()) and not (odd == "None" and annotation != parameter.annotation)
-            if error is None and refused and not is_record(CALLABLES[name]):
+            missing = odd in MISSING.get(f"{name}.{parameter.name}", ())
+            if error is None and refused and not missing and not is_record(CALLABLES[name]):
                 wrong.append(f"{parameter.name}={odd}: taken for {annotation}")
     print(f"{calls} calls")
     assert not wrong, "\n".join(wrong)

@@ -48,11 +48,12 @@ def test_displacement_of_a_third_of_the_picture() -> None:
 def test_distorted_lens_and_principal_point_off_the_middle() -> None:
     f = flight(WIDE, frames=4, velocity_m_s=(0.12, 0.08, 0.0), sensor=QUIET, seed=4)
     assert np.abs(errors(f, velocities(f))[:, :2]).max() < 0.003 * 0.12
-    # Without the lens model the same pictures give a speed that is off by more.
+    # Without the lens model the same pictures give a speed that is off by more, or none.
     plain = Camera(WIDE.fx, WIDE.fy, WIDE.cx, WIDE.cy, width=160, height=120)
     estimator = VelocityEstimator(plain, height_m=0.2)
     wrong = [estimator.update(frame.image, frame.t_s) for frame in f][1:]
-    assert np.hypot(wrong[0].vx_m_s - 0.12, wrong[0].vy_m_s - 0.08) > 0.02 * 0.14
+    # Or the tiles say that no plane moves like that.
+    assert not wrong[0].valid or np.hypot(wrong[0].vx_m_s - 0.12, wrong[0].vy_m_s - 0.08) > 0.02 * 0.14
 
 
 def test_climb_and_descent_with_a_height_per_frame() -> None:

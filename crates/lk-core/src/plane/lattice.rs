@@ -4,7 +4,7 @@ use super::tile::{LARGEST, REACH};
 use crate::simd::EIGHT;
 
 /// Frames whose shorter side has at most so many pixels get tiles of this side.
-const SIDES: [(usize, usize); 3] = [(62, EIGHT), (130, 2 * EIGHT), (340, 3 * EIGHT)];
+const SIDES: [(usize, usize); 3] = [(56, EIGHT), (130, 2 * EIGHT), (340, 3 * EIGHT)];
 
 /// The tiles of one level: their side, and the middles of their columns and rows.
 #[derive(Debug, Clone)]

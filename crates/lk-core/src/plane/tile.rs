@@ -9,6 +9,8 @@ use crate::frame::Plane;
 use crate::shift::filters::{DERIVATIVE, Taps, taps};
 use crate::simd::{EIGHT, Eight, Kernel, Packed, Simd};
 
+/// Largest change of the gain between the frames, in parts of their mean: from 0.25 to 4.
+const MOST_GAIN: f64 = 1.2;
 /// Side of the largest tile, in pixels.
 pub(super) const LARGEST: usize = 32;
 /// Pixels around a tile that filters reach: two for the smoothing, two for the derivative.
@@ -292,7 +294,12 @@ impl Sums {
             -(yy * xt - xy * yt) / determinant,
             -(xx * yt - xy * xt) / determinant,
         ];
-        let left = (tt + step[0] * xt + step[1] * yt).max(0.0) / (self.n - 4.0);
+        let mut left = (tt + step[0] * xt + step[1] * yt).max(0.0) / (self.n - 4.0);
+        // A gain that turns one picture into nothing, or into its opposite, explains nothing.
+        let gain = (mt + step[0] * xm + step[1] * ym) * share;
+        if gain.abs() > MOST_GAIN {
+            left += gain * gain * mm * n;
+        }
         Some(Solved {
             step,
             structure: [xx, xy, yy],

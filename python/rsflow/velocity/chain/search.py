@@ -64,10 +64,14 @@ def find(task: Task, led: Sequence[float] | None) -> Found:
         best = _better(best, sought)
         if best is not None and _is_found(best):
             return _sought(task, best)
-    # Where the whole picture shows nothing, no point does.
-    blank = status is ShiftStatus.NO_TEXTURE and best is None
+    if not related and led is None:
+        # Nothing leads: a picture that grows or turns where it is has no shift as a whole.
+        nowhere = [0.0] * 6
+        best = task.follower.motion(task.interval, nowhere, task.covariance, levels=_SOUGHT, numbers=task.numbers)
+        if best is not None and _is_found(best):
+            return _sought(task, best)
     start = shift if related else np.zeros(2)
-    matches = np.zeros((0, 7)) if blank else followed_points(task.prev, task.image, start, turned, task.mask)
+    matches = followed_points(task.prev, task.image, start, turned, task.mask)
     if len(matches) >= LEAST_TILES:
         fitted = task.follower.fit(task.interval, matches, task.covariance, task.numbers)
         if fitted is not None and np.isfinite(fitted.values).all():
