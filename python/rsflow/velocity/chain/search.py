@@ -68,7 +68,7 @@ def find(task: Task, led: Sequence[float] | None) -> Found:
         # Nothing leads: a picture that grows or turns where it is has no shift as a whole.
         nowhere = [0.0] * 6
         best = task.follower.motion(task.interval, nowhere, task.covariance, levels=_SOUGHT, numbers=task.numbers)
-        if best is not None and _is_found(best):
+        if best is not None and _is_found(best) and best.alike() > _ALIKE:
             return _sought(task, best)
     start = shift if related else np.zeros(2)
     matches = followed_points(task.prev, task.image, start, turned, task.mask)

@@ -16,7 +16,7 @@ from ...shift import ShiftStatus, estimate_shift
 from ..result import Velocity, VelocityStatus, unmeasured
 from . import budget, plane, search
 from .attitude import Attitude
-from .geometry import cross, sees_ground, smooth_error
+from .geometry import cross, demanded, sees_ground, smooth_error
 from .height import Height, HeightKeeper
 from .others import second_motion
 from .pattern import FixedPattern
@@ -35,8 +35,6 @@ _COMMON_PX = 0.00015
 _LEADS_S = 0.5
 # Times that are apart by no more, in seconds, are one time.
 _LEAST_S = 1e-9
-# A parameter is demanded where it differs from zero by this many of its own standard deviations.
-_DEMANDED = 3.0
 # Where the pictures tilt the ground by more than this, in radians, the frames are laid over each other again.
 _TILTED_RAD = 0.005
 _AGAIN = 3
@@ -325,7 +323,7 @@ class Chain:
             n_points=count,
             dx_px=float(moved[0]),
             dy_px=float(moved[1]),
-            terms=_demanded(body, covariance, yaw / yaw_std if told.rate is None else 0.0),
+            terms=demanded(body, covariance, yaw / yaw_std if told.rate is None else 0.0),
             yaw_rate_rad_s=yaw,
             origin_velocity_m_s=body - arm,
             parts=parts,
@@ -395,11 +393,3 @@ class Chain:
 
 
 _PARTS = ("rotation", "_attitude", "_heights", "_watch", "_pattern", "_readout")
-
-
-def _demanded(velocity: F64, covariance: F64, yaw: float) -> tuple[str, ...]:
-    """Name the unknowns that differ from zero; `yaw` is in its own deviations."""
-    terms: tuple[str, ...] = ("vx", "vy")
-    if abs(velocity[2]) > _DEMANDED * np.sqrt(covariance[2, 2]):
-        terms += ("vz",)
-    return (*terms, "yaw") if abs(yaw) > _DEMANDED else terms
