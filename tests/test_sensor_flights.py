@@ -59,7 +59,7 @@ def test_a_gyro_that_is_late_and_biased_is_learned_and_told(tmp_path: Path, caps
     summary = json.loads(capsys.readouterr().out)
     assert summary["gyro"]["bias_rad_s"][2] == pytest.approx(0.03, abs=0.01)
     learned = summary["gyro"]
-    assert abs(learned["delay_s"] - 0.025) < 4.5 * learned["delay_std_s"] < 0.05
+    assert abs(learned["delay_s"] - 0.025) < 4.5 * learned["delay_std_s"] < 0.1
     assert cli.main([*command, "-o", str(tmp_path / "told"), "--rate-delay", "0.025", "--rate-delay-std", "0.001"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["gyro"]["delay_s"] == pytest.approx(0.025, abs=0.002)
