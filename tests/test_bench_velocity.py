@@ -49,7 +49,7 @@ def test_what_is_easy_is_measured_and_believed(found: VelocityBench) -> None:
 def test_what_shows_nothing_is_not_measured(found: VelocityBench) -> None:
     row = _row(found, "weak ground")
     assert row.false == 0.0
-    assert row.valid < 0.2
+    assert row.valid < 0.3
 
 
 def test_both_chains_are_timed_by_stage_and_measure_the_flight(found: VelocityBench) -> None:

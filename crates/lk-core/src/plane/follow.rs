@@ -325,6 +325,7 @@ impl Task<'_> {
             step,
             noise,
             settled: false,
+            widened: 1.0,
         })
     }
 

@@ -19,6 +19,8 @@ pub(super) struct Followed {
     /// Mean square of what noise leaves in a tile.
     pub(super) noise: f64,
     pub(super) settled: bool,
+    /// Variance that neighbours which err alike add, in parts of that of chance; see [`Followed::widen`].
+    pub(super) widened: f64,
 }
 
 /// Correlation of neighbours up to which chance may bring it.
@@ -62,7 +64,7 @@ impl Followed {
         for value in self.step.normal.iter_mut().flatten() {
             *value /= factor;
         }
-        self.step.scale *= factor.sqrt();
+        self.widened = factor;
     }
 
     /// Root mean square of what the step moves the tiles by, in pixels.
@@ -83,7 +85,7 @@ impl Followed {
         count: usize,
         by: impl Fn(usize, &Seen) -> Option<[f64; 2]>,
     ) -> Vec<PlaneResponse> {
-        let variance = self.step.scale.powi(2);
+        let variance = self.widened * self.step.scale.powi(2);
         let moved: Vec<Vec<[f64; 2]>> = (0..count)
             .map(|number| {
                 let tiles = self.places.iter().map(|index| &self.tiles[*index]);
@@ -118,7 +120,7 @@ impl Followed {
 
     /// Right side of the normal equations of the displacements alone, from where the motion is.
     pub(super) fn pull(&self) -> PlaneMotion {
-        let variance = self.step.scale.powi(2);
+        let variance = self.widened * self.step.scale.powi(2);
         let mut pull = PlaneMotion::default();
         for (equation, weight) in self.equations.iter().zip(&self.step.weights) {
             let left = equation.left(&self.step.step);

@@ -99,6 +99,7 @@ pub fn fit_plane(
         step,
         noise: f64::NAN,
         settled: true,
+        widened: 1.0,
     };
     Ok(Some(PlaneFit {
         motion,
