@@ -93,10 +93,10 @@ _Motion = tuple[float, float, float, float, float, float]
 _PlaneTask = tuple[
     tuple[_Vector, _Vector, float, _Vector], _Motion, int, tuple[_Vector, tuple[_Vector, _Vector, _Vector]], list[int]
 ]
-# motion, normal matrix, pull, responses; scale, residual, correlation, settled; rows of tiles, their statuses
+# motion, normal matrix, pull, responses; scale, widened, residual, correlation, settled; rows of tiles, their statuses
 _PlaneFound = tuple[
     tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    tuple[float, float, float, bool],
+    tuple[float, float, float, float, bool],
     tuple[NDArray[np.float64], NDArray[np.uint8]],
 ]
 

@@ -33,7 +33,7 @@ fn plane_tile_statuses() -> Vec<(&'static str, u8)> {
         .collect()
 }
 
-/// Motion, normal matrix, pull, for each number its response (right side, score, curvatures); scale, residual, correlation, settled; a row for each tile (middle,
+/// Motion, normal matrix, pull, for each number its response (right side, score, curvatures); scale, widened, residual, correlation, settled; a row for each tile (middle,
 /// displacement, residual, weight, information, correlation) and its status.
 type Found<'py> = (
     (
@@ -42,7 +42,7 @@ type Found<'py> = (
         Bound<'py, PyArray1<f64>>,
         Bound<'py, PyArray2<f64>>,
     ),
-    (f64, f64, f64, bool),
+    (f64, f64, f64, f64, bool),
     (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<u8>>),
 );
 
@@ -253,7 +253,13 @@ fn found<'py>(py: Python<'py>, fit: &PlaneFit) -> PyResult<Found<'py>> {
             filled(py, TILES, Ix1(6), fit.pull.iter().copied())?,
             filled(py, TILES, Ix2(known, 7 + known), responses)?,
         ),
-        (fit.scale, fit.residual, fit.correlation, fit.settled),
+        (
+            fit.scale,
+            fit.widened,
+            fit.residual,
+            fit.correlation,
+            fit.settled,
+        ),
         (
             filled(py, TILES, Ix2(count, 11), rows)?,
             filled(py, TILES, Ix1(count), statuses)?,

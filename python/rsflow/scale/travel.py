@@ -77,7 +77,7 @@ def measure_travel(
     clip: Iterable[Frame], camera: Camera, heights: tuple[F64, F64], mask: NDArray[np.bool_] | None
 ) -> Travel:
     """Measure the velocity from frame to frame; `heights` are times and metres, read between."""
-    estimator: Any = VelocityEstimator(camera, height_std_m=0.0, mask=mask)
+    estimator: Any = VelocityEstimator(camera, height_std_m=0.0, readout_s=0.0, mask=mask)
     rows: list[tuple[Any, ...]] = []
     lost: Counter[str] = Counter()
     count, before, first = 0, np.nan, np.nan

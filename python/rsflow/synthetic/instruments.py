@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -135,7 +135,7 @@ class Gyro:
     noise_rad_s: float = 0.0
     scale: float = 1.0
     means: bool = False
-    R_body_from_camera: Any = None
+    R_body_from_camera: ArrayLike | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -276,7 +276,7 @@ class RangeFinder:
     noise_share: float = 0.0
     bias_m: float = 0.0
     along: Along = "axis"
-    holes_s: Any = ()
+    holes_s: Sequence[tuple[float, float]] = ()
     seed: int = 0
 
     def __post_init__(self) -> None:

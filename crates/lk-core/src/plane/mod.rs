@@ -197,6 +197,8 @@ pub struct PlaneFit {
     pub responses: Vec<PlaneResponse>,
     /// Standard deviation of what the displacements leave, in those that they came with.
     pub scale: f64,
+    /// Variance that neighbouring tiles which err alike add, in parts of that of chance: `normal` holds it.
+    pub widened: f64,
     /// Root mean square of grey levels that motion and light leave where the frames fit best.
     pub residual: f64,
     /// Median correlation of the frames over the tiles.

@@ -107,6 +107,7 @@ pub fn fit_plane(
         pull: followed.pull(),
         responses: Vec::new(),
         scale: followed.step.scale,
+        widened: followed.widened,
         residual: f64::NAN,
         correlation: f64::NAN,
         settled: followed.settled,

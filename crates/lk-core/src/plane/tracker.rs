@@ -174,6 +174,7 @@ fn result(task: &Task<'_>, followed: &Followed, numbers: &[PlaneNumber]) -> Plan
         pull: followed.pull(),
         responses: responses(task, followed, numbers),
         scale: step.scale,
+        widened: followed.widened,
         residual: followed.noise.max(0.0).sqrt(),
         correlation: followed.correlation(),
         settled: followed.settled,

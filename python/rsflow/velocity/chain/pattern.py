@@ -19,8 +19,6 @@ _STILL_PX = 0.2
 _WIDTH = 160
 # For so many frames of a standstill, and then in some of every so many.
 _FIRST, _THEN, _SOME = 12, 60, 12
-# So many are needed to say anything.
-_NEW = 3
 # What was seen counts for this part at the next frame.
 _KEPT = 0.95
 # A displacement at which changes have in common what chance does not give, in standard deviations, further away than
@@ -42,10 +40,6 @@ class FixedPattern:
         self._common: NDArray[np.complex128] | None = None
         self._stood = 0
         self._found = False
-
-    def is_new(self, moved: F64) -> bool:
-        """Say whether a picture that moved by this, (2,) in pixels, stands still at first: nothing can be said yet."""
-        return bool(np.hypot(*moved) < _STILL_PX) and self._stood < _NEW
 
     def hides(self, prev: NDArray[Any], image: NDArray[Any], moved: F64, mask: NDArray[np.bool_] | None) -> bool:
         """Say whether a standstill is only that of a pattern fixed to the sensor, over ground that moves.

@@ -62,6 +62,7 @@ class Motion:
     right: F64
     responses: F64
     scale: float
+    widened: float
     residual: float
     correlation: float
     settled: bool
@@ -265,6 +266,6 @@ def _task(
 
 
 def _motion(found: _core._PlaneFound) -> Motion:
-    (values, normal, pull, responses), (scale, residual, correlation, settled), (tiles, status) = found
+    (values, normal, pull, responses), (scale, widened, residual, correlation, settled), (tiles, status) = found
     right = normal @ values + pull
-    return Motion(values, normal, right, responses, scale, residual, correlation, settled, tiles, status)
+    return Motion(values, normal, right, responses, scale, widened, residual, correlation, settled, tiles, status)

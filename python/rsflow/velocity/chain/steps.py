@@ -40,9 +40,6 @@ _TILTED_RAD = 0.005
 _AGAIN = 3
 # They no longer are after so many frames that were level where they were taken to be.
 _LEVEL = 4
-# What stands still at first may be a pattern that is fixed to the sensor, over ground that moves by so many heights a
-# second.
-_UNTOLD_HEIGHTS_S = 1.0
 _EYE = np.eye(3)
 # How a rotation grows is taken from so many intervals where nothing tells it: what the rows make of it comes back.
 _GROWS = 4
@@ -50,7 +47,10 @@ _GROWS = 4
 _WIDE_RAD_S = 0.015
 # Where tiles lie so many times further off than they should, it is looked for within this; and if they still do, they
 # are not those of a plane.
-_STRAINED = 8.0
+_STRAINED = 60.0
+_TENSE = 40.0
+# So many of the tiles must stay.
+_KEPT = 0.8
 _EASED_RAD_S = 1.0
 # Fewer tiles than this judge their own noise badly: what they say of the rotation has this many times the variance.
 _FEW_TILES = 16
@@ -84,7 +84,6 @@ class Chain:
         self._told_rates: list[F64] = []
         # Frames in a row whose straight down was where it was taken to be.
         self._level = 0
-        self._untold = False
         # The last way in heights a second and rate in rad/s, in the camera's axes, and when they were.
         self._led: tuple[float, F64, F64] | None = None
         # How many heights a second another motion was that was left out for its speed alone; 0 where none was.
@@ -201,7 +200,6 @@ class Chain:
             self._led = None
             self._rates = []
             return unmeasured(VelocityStatus.TWO_MOTIONS, t_s, dt, moved, count)
-        self._untold = led is None and self._pattern.is_new(moved)
         if self._pattern.hides(prev, self.prev, moved, settings.mask):
             return unmeasured(VelocityStatus.NO_TEXTURE, t_s, dt, moved, count)
         tilt_or_none, carried = None if exact else tilt, told.down is None
@@ -235,11 +233,11 @@ class Chain:
         # Points that stand in for tiles say nothing of it.
         loose = tilt is not None and self._level < _LEVEL
         for _ in range(_AGAIN):
-            strained = motion.scale > _STRAINED
+            strained = _total(motion) > _TENSE
             if not np.isfinite(motion.correlation) or not (loose or strained):
                 break
             # Tiles that a wrong attitude strains tell it no worse for that.
-            strain = max(motion.scale, 1.0) ** 2
+            strain = _total(motion) ** 2 if strained else 1.0
             wide = strain * task.covariance
             known = motion.known(
                 plane.Prior.of(wide, wide, None if tilt is None else strain * tilt, at, carried=carried)
@@ -252,7 +250,9 @@ class Chain:
             )  # fmt: skip
             around = wide + (_EASED_RAD_S * interval.dt_s) ** 2 * _EYE if strained else task.covariance
             again = self._follower.motion(tilted, known.values[:6].tolist(), around, numbers=task.numbers)
-            if again is None or not again.settled or again.scale > max(motion.scale, _STRAINED):
+            if again is None or not again.settled or again.count < _KEPT * motion.count:
+                break
+            if _total(again) > (0.5 if strained else 2.0) * _total(motion):
                 break
             interval, motion, at = tilted, again, at - by
         return interval, motion, at
@@ -302,9 +302,6 @@ class Chain:
         if jump is not None:
             parts["time"] = parts.get("time", 0.0) + jump[:, None] * jump
             jitter = "the velocity jumps within a frame: frames may be missing, or their times wrong"
-        if self._untold:
-            # It may be a pattern that is fixed to the sensor: the next frames tell.
-            parts["displacement"] += (_UNTOLD_HEIGHTS_S * height.height_m) ** 2 * (_EYE - np.outer(down, down))
         parts = budget.rotated(R, parts)
         covariance = np.asarray(sum(parts.values()), dtype=np.float64)
         rate, rate_covariance = R @ turning / dt, R @ total[3:6, 3:6] @ R.T / dt**2
@@ -393,3 +390,8 @@ class Chain:
 
 
 _PARTS = ("rotation", "_attitude", "_heights", "_watch", "_pattern", "_readout")
+
+
+def _total(motion: plane.Motion) -> float:
+    """Give how many times further off tiles lie than they should, with what neighbours share."""
+    return float(np.sqrt(motion.widened)) * motion.scale
