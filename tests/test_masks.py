@@ -55,7 +55,7 @@ def test_velocity_beside_an_overlay_is_as_right_as_it_says(kind: str, share: flo
     assert np.mean(np.concatenate(over[True]) < 2) > 0.85
     assert np.max(over[True]) < 5
     if share > 0.4:
-        # Without the mask the overlay holds nearly as much of the picture as the ground: frames are not measured, or wrong.
+        # Without the mask the overlay holds nearly as much as the ground: frames are not measured, or wrong.
         assert len(over[False]) < len(over[True]) or np.median(over[False]) > 5
 
 
