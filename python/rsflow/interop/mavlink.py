@@ -11,8 +11,7 @@ import math
 import re
 import struct
 from collections.abc import Callable
-from types import TracebackType
-from typing import Any, BinaryIO, NamedTuple, Self
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +21,7 @@ from .._extras import require
 from ..errors import OptionError
 from ..io.atomic import Working
 from ..velocity import Velocity
+from ._whole import Whole
 from .flow_sensor import PX4_NOISE_RAD_S, FlowReading, Forward, flow_reading, noise_bounds
 
 __all__ = ["MavlinkWriter"]
@@ -46,7 +46,7 @@ class _Place(NamedTuple):
     baud: int
 
 
-class MavlinkWriter:
+class MavlinkWriter(Whole):
     """Write velocities as the messages of a flow sensor that PX4 or ArduPilot reads.
 
     PX4 gets ``OPTICAL_FLOW_RAD``, ArduPilot ``OPTICAL_FLOW``, both as MAVLink 2, with a heartbeat a second. A frame
@@ -139,22 +139,6 @@ class MavlinkWriter:
     def __repr__(self) -> str:
         sent = f"{self.count} message{'' if self.count == 1 else 's'}"
         return f'MavlinkWriter("{self.target}", forward="{self._forward}"): {sent}'
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is None:
-            self.close()
-        else:
-            self.discard()
-
-    def __del__(self) -> None:
-        # One that was never closed: nothing was finished, and nothing is kept.
-        with contextlib.suppress(Exception):
-            self.discard()
 
     def write(
         self,

@@ -11,8 +11,7 @@ import math
 import os
 import shutil
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +21,7 @@ from .._extras import require
 from ..errors import OptionError
 from ..io.atomic import left_by_the_dead, working_name
 from ..velocity import Velocity
+from ._whole import Whole
 from .flow_sensor import PX4_NOISE_RAD_S, FlowReading, Forward, flow_reading, noise_bounds
 
 __all__ = ["RosBagWriter"]
@@ -51,7 +51,7 @@ _BAG_VERSION = 8
 _UINT32 = 2**32 - 1
 
 
-class RosBagWriter:
+class RosBagWriter(Whole):
     """Write velocities to a ROS 2 bag.
 
     ``/rsflow/velocity``, geometry_msgs/TwistWithCovarianceStamped
@@ -172,22 +172,6 @@ class RosBagWriter:
     def __repr__(self) -> str:
         sent = f"{self.count} frame{'' if self.count == 1 else 's'}"
         return f'RosBagWriter("{self.folder}", forward="{self._forward}"): {sent}'
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is None:
-            self.close()
-        else:
-            self.discard()
-
-    def __del__(self) -> None:
-        # One that was never closed: nothing was finished, and nothing is kept.
-        with contextlib.suppress(Exception):
-            self.discard()
 
     def write(
         self,

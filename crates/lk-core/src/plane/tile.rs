@@ -6,7 +6,7 @@
 #![allow(clippy::needless_range_loop, reason = "filter indices")]
 
 use crate::frame::Plane;
-use crate::shift::filters::{DERIVATIVE, Taps, taps};
+use crate::shift::filters::{DERIVATIVE, Taps, reversed, taps};
 use crate::simd::{EIGHT, Eight, Kernel, Packed, Simd};
 
 /// Largest change of the gain between the frames, in parts of their mean: from 0.25 to 4.
@@ -218,11 +218,6 @@ impl SumTile<'_> {
             tt,
         }
     }
-}
-
-#[inline(always)]
-fn reversed([a, b, c, d, e]: Taps) -> Taps {
-    [e, d, c, b, a]
 }
 
 /// The taps down the columns of `plane` from `place`, x and y of their first row, on: as many values as the tile and the

@@ -49,6 +49,12 @@ pub(crate) fn taps(delta: f64) -> Taps {
     ]
 }
 
+/// The taps that move the other way.
+#[inline(always)]
+pub(crate) fn reversed([a, b, c, d, e]: Taps) -> Taps {
+    [e, d, c, b, a]
+}
+
 /// What the filters do to white noise of unit variance in each frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NoiseGain {

@@ -1,7 +1,7 @@
 //! A stripe of tiles: both frames are sampled half a step towards each other into buffers that stay in the cache, then
 //! summed.
 
-use super::filters::{RADIUS, Taps};
+use super::filters::{RADIUS, Taps, reversed};
 use super::sums::{StripeSums, Tile, Tiling};
 use super::view::View;
 use crate::error::Result;
@@ -160,11 +160,6 @@ fn relight<L: Eight>(view: &View<'_>, y: usize, mean: &[f32], difference: &mut [
         x += EIGHT;
     }
     difference[view.size[0]..].fill(0.0);
-}
-
-#[inline(always)]
-fn reversed([a, b, c, d, e]: Taps) -> Taps {
-    [e, d, c, b, a]
 }
 
 /// The taps down the columns; outer pairs first, so that reversed taps on a mirrored picture give the same bits.

@@ -38,9 +38,6 @@ class HeightKeeper:
         self._longest_s = longest_s
         self._last: Height | None = None
 
-    def reset(self) -> None:
-        """Know no height."""
-
     def at_first(self, given: float, std: float, t_s: float) -> None:
         """Take the height at a frame whose motion is not known."""
         if np.isfinite(given) and given > 0:

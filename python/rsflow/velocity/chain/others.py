@@ -16,9 +16,8 @@ F64 = NDArray[np.float64]
 
 # Another motion that holds for this part of what holds for the plane may be that of the ground.
 _COMPARABLE = 0.6
-# So is one that holds for this part of what stands still to this many pixels: that is what goes with the camera.
+# So is one that holds for this part of what stands still: that is what goes with the camera.
 _COMPARABLE_TO_STILL = 0.3
-_STILL_PX = 0.1
 # It is looked for where this part of the plane's tiles does not move with it.
 _SUSPECT = 0.15
 # A pixel is that of the motion that leaves less than this part of what the other leaves.
@@ -46,6 +45,8 @@ def second_motion(task: Task, motion: plane.Motion) -> bool:
     others = motion.status > plane.LOW_TEXTURE
     if np.count_nonzero(others) < _SUSPECT * motion.count:
         return False
+    moved = motion.moved_px()
+    still = float(np.hypot(*moved)) < _STILL_PX
     if 2 * np.count_nonzero(motion.status == plane.FIXED) >= np.count_nonzero(others):
         shift = np.zeros(2)
     else:
@@ -53,12 +54,10 @@ def second_motion(task: Task, motion: plane.Motion) -> bool:
         shift, status = whole_shift(task.prev, task.image, None, around, np.inf)
         if status is not ShiftStatus.VALID:
             # What stands still may be part of the vehicle, and what does not the ground that it hides.
-            still = np.hypot(*motion.moved_px()) < _STILL_PX
             return bool(still and np.count_nonzero(others) >= _HIDDEN * motion.count)
-    if np.hypot(*(shift - motion.moved_px())) < _APART_PX:
+    if np.hypot(*(shift - moved)) < _APART_PX:
         return False
     ground, other = _supports(task, motion, shift)
-    still = np.hypot(*motion.moved_px()) < _STILL_PX
     return other >= (_COMPARABLE_TO_STILL if still else _COMPARABLE) * ground
 
 

@@ -18,8 +18,7 @@ F64 = NDArray[np.float64]
 
 # Statuses of tiles, as lk-core has them.
 PLANE, OUTSIDE, LOW_TEXTURE, UNMATCHED, OUTLIER, FIXED = range(6)
-# Numbers whose effect can be asked for: of the lens from 0 on (fx, fy, cx, cy), the direction down, the readout.
-FX, FY, CX, CY = range(4)
+# Numbers whose effect can be asked for beside those of the lens, from 0 on: the direction down, the readout.
 DOWN_X, DOWN_Y, READOUT = -1, -2, -3
 # Of a rotation that nothing is known of: the inverse of its variance.
 _ANY = 1.0
@@ -227,10 +226,6 @@ class Follower:
     def take_back(self) -> None:
         """Take the last frame back."""
         self._tracker.take_back()
-
-    def reset(self) -> None:
-        """Forget all frames."""
-        self._tracker.reset()
 
     def motion(
         self,

@@ -48,7 +48,6 @@ class Expected:
     result holds: no less than may be, after what was seen so far.
     """
 
-    mean: F64
     covariance: F64
     cover: F64
 
@@ -222,7 +221,7 @@ class RotationModel:
                 return np.asarray(np.diag(variances + least) + lasting)
             return np.asarray(axes.T @ ((variances + least)[:, None] * axes) + lasting)
 
-        return Expected(np.zeros(3), turned(likely, lasting), turned(cover, lasting_cover))
+        return Expected(turned(likely, lasting), turned(cover, lasting_cover))
 
     def learn(self, source: str, axes: F64 | None, error: F64, covariance: F64, smooth: F64, dt_s: float) -> None:
         """Take what the pictures alone say that the told rotation is off by, (3,) in the body's axes."""

@@ -112,17 +112,16 @@ def _sought(task: Task, motion: plane.Motion) -> Found:
 
 def _shown(motion: plane.Motion) -> int:
     """Count the tiles that show something."""
-    return int(np.count_nonzero(motion.status > plane.LOW_TEXTURE)) + int(np.count_nonzero(motion.plane))
+    return int(np.count_nonzero(motion.status > plane.LOW_TEXTURE)) + motion.count
 
 
 def _holds(motion: plane.Motion, part: float) -> bool:
     """Say whether the frames can be laid over each other by a motion."""
-    count = int(np.count_nonzero(motion.plane))
-    return motion.settled and count >= LEAST_TILES and count >= part * _shown(motion)
+    return motion.settled and motion.count >= max(LEAST_TILES, part * _shown(motion))
 
 
 def _better(one: plane.Motion | None, other: plane.Motion | None) -> plane.Motion | None:
     """Give the motion that more tiles follow."""
     if one is None or other is None:
         return one or other
-    return other if np.count_nonzero(other.plane) > np.count_nonzero(one.plane) else one
+    return other if other.count > one.count else one

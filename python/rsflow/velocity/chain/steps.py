@@ -33,8 +33,6 @@ F64 = NDArray[np.float64]
 _COMMON_PX = 0.00015
 # A velocity leads on to the next frames for so long.
 _LEADS_S = 0.5
-# Times that are apart by no more, in seconds, are one time.
-_LEAST_S = 1e-9
 # Where the pictures tilt the ground by more than this, in radians, the frames are laid over each other again.
 _TILTED_RAD = 0.005
 _AGAIN = 3

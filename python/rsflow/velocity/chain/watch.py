@@ -33,10 +33,6 @@ class Watch:
     """Remembers what is usual."""
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Know nothing."""
         self._residuals: list[float] = []
         self._stops = 0
         self._velocity: F64 | None = None

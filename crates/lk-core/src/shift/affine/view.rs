@@ -3,7 +3,7 @@
 
 use crate::frame::Plane;
 use crate::shift::coordinates::Pair;
-use crate::shift::filters::{DERIVATIVE, NoiseGain, RADIUS, Taps, noise_gain, taps};
+use crate::shift::filters::{DERIVATIVE, NoiseGain, RADIUS, Taps, noise_gain, reversed, taps};
 
 /// dx, dy, and the gradient: du/dx, du/dy, dv/dx, dv/dy.
 pub(super) const MOTION: usize = 6;
@@ -65,7 +65,6 @@ impl View<'_> {
         let half = half.map(|value| value.clamp(-0.5, 0.5));
         let across = taps(half[0]);
         let down = taps(half[1]);
-        let reversed = |t: Taps| [t[4], t[3], t[2], t[1], t[0]];
         let prev = filtered(self.pair.prev, pixel, reversed(across), reversed(down))?;
         let at = std::array::from_fn(|axis| pixel[axis] + whole[axis] - self.pair.origin[axis]);
         let next = filtered(self.pair.next, at, across, down)?;
