@@ -25,6 +25,7 @@ FLOORS = (
     ("pyramid",),
     ("shift", "corners", "dense"),
     ("track", "plane"),
+    ("segment",),
     ("",),
 )
 

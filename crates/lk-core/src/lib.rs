@@ -27,6 +27,7 @@ mod plane;
 mod presmooth;
 mod pyramid;
 mod scratch;
+mod segment;
 mod shift;
 mod simd;
 mod support;
@@ -50,6 +51,9 @@ pub use plane::{
     PlaneOptions, PlaneResponse, PlaneTile, PlaneTileStatus, PlaneTracker, fit_plane,
 };
 pub use pyramid::Pyramid;
+pub use segment::MotionVector;
+pub use segment::camera::{CameraModel, CameraMotion, fit_camera};
+pub use segment::parallax::{Parallax, find_parallax};
 pub use shift::{Roi, Shift, ShiftDeformation, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::SimdLevel;
 pub use support::Masks;
