@@ -633,6 +633,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         synthetic.MovingObject((0.0, 0.0), (0.02, 0.02), (0.01, 0.0)).covers,
         {"x": np.zeros(2), "y": np.zeros(2), "t_s": 0.0},
     ),
+    "rsflow.synthetic.MovingThings": lambda _: (synthetic.MovingThings, _fields(_moving_things())),
     "rsflow.synthetic.Part": lambda _: (synthetic.Part, {}),
     "rsflow.synthetic.Part.covers": lambda _: (PART.covers, {"points": np.zeros((1, 2))}),
     "rsflow.synthetic.Part.move": lambda _: (PART.move, {"points": np.zeros((1, 2))}),
@@ -655,6 +656,11 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         synthetic.Texture.make(period=16).sample,
         {"x": np.zeros(2), "y": np.zeros(2)},
     ),
+    "rsflow.synthetic.Thing": lambda _: (synthetic.Thing, {"x": 20.0, "y": 15.0}),
+    "rsflow.synthetic.Thing.pose": lambda _: (synthetic.Thing(20.0, 15.0).pose, {"frame": 2}),
+    "rsflow.synthetic.Thing.position": lambda _: (synthetic.Thing(20.0, 15.0).position, {"frame": 2}),
+    "rsflow.synthetic.Thing.present": lambda _: (synthetic.Thing(20.0, 15.0).present, {"frame": 2}),
+    "rsflow.synthetic.Thing.steps": lambda _: (synthetic.Thing(20.0, 15.0).steps, {"frame": 2}),
     "rsflow.synthetic.VehiclePart": lambda _: (synthetic.VehiclePart, {"share": 0.3}),
     "rsflow.synthetic.VehiclePart.mask": lambda _: (synthetic.VehiclePart(0.3).mask, {"width": 16, "height": 12}),
     "rsflow.synthetic.auto_exposure": lambda _: (synthetic.auto_exposure, {"amplitude": 0.1}),
@@ -676,12 +682,18 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         synthetic.layers_pair,
         {"size": (WIDTH, HEIGHT), "median_px": 3.0, "things": 2},
     ),
+    "rsflow.synthetic.light_switch": lambda _: (synthetic.light_switch, {"factor": 0.6, "from_s": 1.0}),
     "rsflow.synthetic.motions_pair": lambda _: (
         synthetic.motions_pair,
         {"parts": [synthetic.Part()], "size": (32, 24)},
     ),
     "rsflow.synthetic.moving_shadow": lambda _: (synthetic.moving_shadow, {"factor": 0.5}),
+    "rsflow.synthetic.moving_things": lambda _: (
+        synthetic.moving_things,
+        {"things": 1, "frames": 2, "size": (WIDTH, HEIGHT)},
+    ),
     "rsflow.synthetic.offset": lambda _: (synthetic.offset, {"levels": 5.0}),
+    "rsflow.synthetic.passing_clouds": lambda _: (synthetic.passing_clouds, {"factor": 0.6}),
     "rsflow.synthetic.ramp": lambda _: (synthetic.ramp, {"start": 0.0, "stop": 5.0}),
     "rsflow.synthetic.repeated": lambda _: (synthetic.repeated, {"flight": flight(), "frames": [1]}),
     "rsflow.synthetic.shadow": lambda _: (synthetic.shadow, {"factor": 0.7}),
@@ -737,6 +749,11 @@ CALLS: dict[str, Callable[[Path], Call]] = {
 
 def _names(kind: Any) -> list[str]:
     return [item.name for item in dataclasses.fields(kind)]
+
+
+@functools.cache
+def _moving_things() -> synthetic.MovingThings:
+    return synthetic.moving_things(1, frames=2, size=(WIDTH, HEIGHT))
 
 
 @functools.cache

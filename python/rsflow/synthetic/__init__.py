@@ -3,8 +3,9 @@
 `shifted_pair` gives two frames with an exact sub-pixel displacement, `motions_pair` two whose parts shift, turn and
 zoom each in its own way, `layers_pair` two of a scene that is hard to measure (fast things that hide each other,
 blurred by their motion, in fog) with its dense flow, `flight` what a camera sees that flies over flat, textured ground,
-`flight_with_object` the same with things that move on the ground and a mask of where they are, `chessboard_views` what
-a camera sees of a board that it is calibrated with.
+`flight_with_object` the same with things that move on the ground and a mask of where they are, `moving_things`
+what moves before a camera that stands or moves, with masks, numbers, ways and speeds, `chessboard_views` what a camera
+sees of a board that it is calibrated with.
 
 A flight takes the conditions of a set-up piece by piece. On the ground: `tiled_floor`, `checkered_floor`,
 `contrast_levels`, `moving_shadow`, `water`. On the camera: `readout_s` (rolling shutter), `exposure_s`, `dirt`,
@@ -22,13 +23,27 @@ from .floors import checkered_floor, tiled_floor
 from .ground_effects import GroundEffect, moving_shadow, water
 from .instruments import Clock, Gyro, GyroLog, RangeFinder, RangeLog
 from .layers import LayersPair, layers_pair
-from .lighting import LIGHTING, Lighting, auto_exposure, gain, gamma, offset, ramp, shadow, spotlight
+from .lighting import (
+    LIGHTING,
+    Lighting,
+    auto_exposure,
+    gain,
+    gamma,
+    light_switch,
+    offset,
+    passing_clouds,
+    ramp,
+    shadow,
+    spotlight,
+)
 from .motions import MotionsPair, Part, motions_pair
 from .moving_object import MovingObject
+from .moving_things import MovingThings, moving_things
 from .on_sensor import VehiclePart, combined, dirt, fixed_pattern
 from .recording import dropped, encoded, repeated
 from .sensor import WEBCAM, Sensor
 from .textures import BANDS, ShiftedPair, Texture, shifted_pair, texture
+from .thing import Thing
 
 __all__ = [
     "BANDS",
@@ -43,12 +58,14 @@ __all__ = [
     "Lighting",
     "MotionsPair",
     "MovingObject",
+    "MovingThings",
     "Part",
     "RangeFinder",
     "RangeLog",
     "Sensor",
     "ShiftedPair",
     "Texture",
+    "Thing",
     "VehiclePart",
     "auto_exposure",
     "checkered_floor",
@@ -63,9 +80,12 @@ __all__ = [
     "gain",
     "gamma",
     "layers_pair",
+    "light_switch",
     "motions_pair",
     "moving_shadow",
+    "moving_things",
     "offset",
+    "passing_clouds",
     "ramp",
     "repeated",
     "shadow",

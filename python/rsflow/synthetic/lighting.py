@@ -9,7 +9,19 @@ from numpy.typing import NDArray
 
 from .. import _checks
 
-__all__ = ["LIGHTING", "Lighting", "auto_exposure", "gain", "gamma", "offset", "ramp", "shadow", "spotlight"]
+__all__ = [
+    "LIGHTING",
+    "Lighting",
+    "auto_exposure",
+    "gain",
+    "gamma",
+    "light_switch",
+    "offset",
+    "passing_clouds",
+    "ramp",
+    "shadow",
+    "spotlight",
+]
 
 # An image as float64 (height, width) in grey levels of 0..255 -> the image under that light, not clipped.
 Lighting = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -213,6 +225,89 @@ def auto_exposure(amplitude: float, *, period_s: float = 2.0, phase: float = 0.0
     period_s = _checks.number("period_s", period_s, above=0, of="seconds")
     phase = _checks.number("phase", phase, of="radians")
     return lambda t_s: gain(1.0 + amplitude * float(np.sin(2 * np.pi * t_s / period_s + phase)))
+
+
+def light_switch(
+    factor: float, from_s: float, until_s: float | None = None, *, plus: float = 0.0
+) -> Callable[[float], Lighting]:
+    """Let the light change at once, as when a lamp is switched, and change back.
+
+    Parameters
+    ----------
+    factor, plus : float
+        Gain and offset, the latter in grey levels, from `from_s` on and before `until_s`.
+    from_s : float
+        Seconds.
+    until_s : float, optional
+        Seconds; by default it does not change back.
+
+    Returns
+    -------
+    callable
+        Takes the time in seconds and returns the `Lighting` of that moment.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> light = light_switch(0.5, 1.0, 2.0)
+    >>> [light(t_s)(np.full((1, 1), 100.0)).item() for t_s in (0.9, 1.0, 1.9, 2.0)]
+    [100.0, 50.0, 50.0, 100.0]
+    """
+    factor, plus = _checks.number("factor", factor), _checks.number("plus", plus, of="grey levels")
+    from_s = _checks.number("from_s", from_s, of="seconds")
+    until_s = _checks.number_or_none("until_s", until_s, least=from_s, of="seconds")
+    end_s = np.inf if until_s is None else until_s
+    return lambda t_s: gain(factor, plus) if from_s <= t_s < end_s else gain(1.0)
+
+
+def passing_clouds(
+    factor: float = 0.6, *, period_s: float = 4.0, size: float = 0.7, seed: int = 0
+) -> Callable[[float], Lighting]:
+    """Let soft shadows of clouds pass over the picture: a gain between `factor` and 1 that varies with place and time.
+
+    Parameters
+    ----------
+    factor : float
+        Gain in the middle of a cloud.
+    period_s : float
+        Seconds in which the clouds move on by about their own size.
+    size : float
+        Their size, as a share of the picture's longer side.
+    seed : int
+        Of their places and of where they go.
+
+    Returns
+    -------
+    callable
+        Takes the time in seconds and returns the `Lighting` of that moment.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> lit = passing_clouds(0.6, seed=1)(0.5)(np.full((60, 80), 100.0))
+    >>> bool(59.9 < lit.min() < lit.max() < 100.1), bool(np.ptp(lit) > 10)
+    (True, True)
+    """
+    factor = _checks.number("factor", factor, least=0, most=1e6)
+    period_s = _checks.number("period_s", period_s, above=0, of="seconds")
+    size = _checks.number("size", size, least=1e-3, most=1e6)
+    rng = np.random.default_rng([_checks.integer("seed", seed, least=0), 1_299_709])
+    heading, phases = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.0, 2 * np.pi, 3)
+    angles, waves = heading + rng.normal(0.0, 0.5, 3), 2 * np.pi / (size * rng.uniform(0.8, 1.4, 3))
+
+    def at(t_s: float) -> Lighting:
+        def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
+            side = max(image.shape)
+            y, x = np.ogrid[: image.shape[0], : image.shape[1]]
+            sky = np.zeros(image.shape)
+            for angle, wave, phase in zip(angles, waves, phases, strict=True):
+                along = (x * np.cos(angle) + y * np.sin(angle)) / side - size * t_s / period_s
+                sky = sky + np.sin(wave * along + phase) / 3
+            return np.asarray(image * (1.0 - (1.0 - factor) * (0.5 - 0.5 * np.clip(1.5 * sky, -1.0, 1.0))))
+
+        return apply
+
+    return at
 
 
 def lit(name: str, light: Lighting | None, image: NDArray[np.float64]) -> NDArray[np.float64]:
