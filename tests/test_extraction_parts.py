@@ -1,8 +1,10 @@
 """The parts of the main job: tables, progress, plots, track."""
 
+import contextlib
 import math
 import re
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from rsflow.extraction.rows import status_word
 from rsflow.extraction.series import Series, runs
 from rsflow.extraction.tables import CsvTable, cell
 from rsflow.extraction.trajectory import Trajectory
+from rsflow.extraction.worker import BackgroundWorker
 
 # --- parts ----------------------------------------------------------------------------------------------------------
 
@@ -143,3 +146,30 @@ def test_every_status_has_its_meaning_in_the_report():
     for status in (*rsflow.ShiftStatus, *rsflow.VelocityStatus):
         word = status_word(status)
         assert meaning(word) not in {"", word}, status
+
+
+def test_a_worker_does_all_in_order_and_raises_its_first_error_once():
+    done = []
+    worker = BackgroundWorker(lambda item: done.append(1 // item), name="test", depth=1)
+    for item in (1, 1, 0, 1):
+        with contextlib.suppress(ZeroDivisionError):
+            worker.put(item)
+    with contextlib.suppress(ZeroDivisionError):
+        worker.wait()
+    assert done == [1, 1]
+    worker.wait()
+    worker.close()
+    failing = BackgroundWorker(lambda item: done.append(1 // item), name="test")
+    failing.put(0)
+    with pytest.raises(ZeroDivisionError):
+        failing.wait()
+
+
+def test_waiting_ends_when_all_that_was_put_is_done():
+    done = []
+    worker = BackgroundWorker(lambda seconds: (time.sleep(seconds), done.append(seconds)), name="test")
+    worker.put(0.05)
+    worker.put(0.0)
+    worker.wait()
+    assert done == [0.05, 0.0]
+    worker.close()

@@ -162,8 +162,11 @@ def test_misuse_says_what_is_wrong(tmp_path: Path) -> None:
         VideoWriter(tmp_path / "a.gif", frame_rate=25)
     with pytest.raises(rsflow.OptionError, match='codec: got "h264", expected "vp9"'):
         VideoWriter(tmp_path / "a.webm", frame_rate=25, codec="h264")
+    for threads in (0, -1, 2.5, 10_000):
+        with pytest.raises(rsflow.RsflowError, match=r"threads: got .*, expected an integer from 1 to 1024"):
+            VideoWriter(tmp_path / "a.mp4", frame_rate=25, threads=threads)
     picture = np.zeros((16, 16), np.uint8)
-    with VideoWriter(tmp_path / "a.mp4", frame_rate=25) as writer:
+    with VideoWriter(tmp_path / "a.mp4", frame_rate=25, threads=1) as writer:
         with pytest.raises(rsflow.DTypeError, match="picture: got dtype float64, expected uint8"):
             writer.write(picture / 2)
         for bad in (np.zeros((0, 4), np.uint8), np.zeros((4, 4, 4), np.uint8), np.zeros(4, np.uint8)):

@@ -210,6 +210,10 @@ def _run(
         return job.run(progress)
 
 
+# Frames that wait to be measured, and to be separated after that: what is read is kept where a run is stopped.
+_AHEAD, _MEASURED = 1, 2
+
+
 class _Job:
     """One pass over a source, until its end, Ctrl-C, or a failure."""
 
@@ -231,7 +235,10 @@ class _Job:
         self.begin = time.monotonic()
         if saved is not None:
             self._go_on(saved)
-        self.second: BackgroundWorker[tuple[Any, Any, Any]] = BackgroundWorker(self._process, name="rsflow-separate")
+        self.second: BackgroundWorker[tuple[Any, Any, Any]] = BackgroundWorker(
+            self._process, name="rsflow-separate", depth=_MEASURED
+        )
+        self.first: BackgroundWorker[Any] = BackgroundWorker(self._measure, name="rsflow-measure", depth=_AHEAD)
 
     def _go_on(self, saved: Saved) -> None:
         """Be as after the frame of a checkpoint, which is the first that the stream gives."""
@@ -257,7 +264,9 @@ class _Job:
                 interrupted = True
             except Exception as error:
                 failure = error
-            interrupted = (interrupted or stop.requested) and failure is None
+            interrupted = interrupted or stop.requested
+            failure = _trouble(self.first.close) or failure
+            interrupted = interrupted and failure is None
             # What the probe decides from fewer frames than it wants is not what the whole run would decide.
             whole = self.settled
             failure = self._drained() or failure
@@ -272,8 +281,12 @@ class _Job:
             return self._ended(interrupted, failure, time.monotonic() - self.begin)
 
     def take(self, frame: Any) -> None:
-        """Measure one frame; the first ones wait until the probe is decided."""
+        """Have one frame measured: the next ones are read meanwhile."""
         self.taken += 1
+        self.first.put(frame)
+
+    def _measure(self, frame: Any) -> None:
+        """Measure one frame; the first ones wait until the probe is decided."""
         shift, flow = self.pipeline.measure(frame)
         if self.settled:
             self.second.put((frame, shift, flow))
@@ -306,13 +319,8 @@ class _Job:
 
     def _drained(self) -> Exception | None:
         """Process what waits, also where the run was too short for the probe; give the error that ended it."""
-        try:
-            if not self.settled:
-                self.settle()
-            self.second.close()
-        except Exception as error:
-            return error
-        return None
+        settled = None if self.settled else _trouble(self.settle)
+        return _trouble(self.second.close) or settled
 
     def _last_checkpoint(self) -> Exception | None:
         """Let the rest be measured later as if nothing had happened; give the error that stands in the way."""
@@ -345,6 +353,15 @@ class _Job:
                 f"{reason}; {_kept(extraction)}; {_going_on(extraction, self.outputs.resumable)}", extraction
             )
         return extraction
+
+
+def _trouble(end: Callable[[], None]) -> Exception | None:
+    """Call `end`; give the error that it raised."""
+    try:
+        end()
+    except Exception as error:
+        return error
+    return None
 
 
 def _reason(error: BaseException) -> str:

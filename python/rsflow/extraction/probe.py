@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from .rows import flow_samples
+
 if TYPE_CHECKING:
     from ..flow.field import FlowField
     from ..plotting import QuiverStyle
@@ -67,7 +69,8 @@ def arrow_style(flows: Sequence[FlowField | None], width: int) -> QuiverStyle:
     """Give the `QuiverStyle` of the whole clip, fitted to its first flows."""
     from ..plotting import QuiverStyle
 
-    known = [flow.uv[flow.valid] for flow in flows if flow is not None and flow.valid.any()]
+    samples = [np.stack(flow_samples(flow), axis=1) for flow in flows if flow is not None]
+    known = [vectors for vectors in samples if len(vectors)]
     if not known:
         known = [np.zeros((1, 2), np.float32)]
     style = QuiverStyle.fitted(known, width=width)

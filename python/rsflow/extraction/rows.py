@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..segmentation.result import MotionSegmentation
     from ..shift import Shift
 
-__all__ = ["motion_row", "object_rows", "status_word"]
+__all__ = ["flow_samples", "motion_row", "object_rows", "status_word"]
 
 # The statistics of the flow are over about so many pixels, on a grid.
 _SAMPLES = 30_000
@@ -71,21 +71,30 @@ def _flow_columns(flow: FlowField | None, mask: NDArray[np.bool_] | None) -> dic
     if flow is None:
         return dict.fromkeys((*names, "flow_valid_share"), math.nan)
     valid_share = share(flow.valid, mask)
-    # Neighbours tell the same: statistics over a grid cost a fraction and differ by less than the flow's own error.
-    step = max(1, math.isqrt(flow.valid.size // _SAMPLES))
-    uv = flow.uv[::step, ::step][flow.valid[::step, ::step]]
-    if len(uv) == 0:
+    u, v = flow_samples(flow)
+    if len(u) == 0:
         return dict.fromkeys(names, math.nan) | {"flow_valid_share": valid_share}
-    u, v = np.ascontiguousarray(uv[:, 0]), np.ascontiguousarray(uv[:, 1])
     median, high = _quantiles(np.hypot(u, v), (0.5, 0.95))
     values = (u.mean(dtype=np.float64), v.mean(dtype=np.float64), *_quantiles(u, (0.5,)), *_quantiles(v, (0.5,)))
     return dict(zip(names, map(float, (*values, median, high)), strict=True)) | {"flow_valid_share": valid_share}
 
 
+def flow_samples(flow: FlowField) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Give u and v of the valid pixels on a grid.
+
+    Neighbours tell the same: statistics over a grid cost a fraction and differ by less than the flow's own error.
+    """
+    step = max(1, math.isqrt(flow.valid.size // _SAMPLES))
+    known = flow.valid[::step, ::step]
+    # One component at a time: to pick pairs by a mask takes ten times as long.
+    return flow.uv[::step, ::step, 0][known], flow.uv[::step, ::step, 1][known]
+
+
 def _quantiles(values: NDArray[np.float32], shares: tuple[float, ...]) -> list[float]:
     """Order statistics by partition: no interpolation, a third of the time of `numpy.quantile`."""
     places = [min(int(share * len(values)), len(values) - 1) for share in shares]
-    return [float(value) for value in np.partition(values, places)[places]]
+    # For one place at a time numpy has a quicker way than for two.
+    return [float(np.partition(values, place)[place]) for place in places]
 
 
 def _segmentation_columns(segmentation: MotionSegmentation, shape: tuple[int, ...]) -> dict[str, Any]:

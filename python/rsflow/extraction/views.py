@@ -1,4 +1,4 @@
-"""The three videos and the pictures of the report, drawn and encoded beside the measuring."""
+"""The three videos and the pictures of the report: drawn in one thread, encoded in one for each video."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._core import get_num_threads
 from ..video.join import Part, join
 from ..video.sinks import CLOCK
 from .worker import BackgroundWorker
@@ -24,6 +25,11 @@ __all__ = ["Clip", "Views"]
 
 # Pictures a second of videos whose source does not know: slow enough to follow by eye.
 _DEFAULT_RATE = 10.0
+
+_VIDEOS = ("flow", "moving", "static")
+
+# Pictures that may wait for an encoder.
+_WAITING = 2
 
 # Quality of the JPEG pictures in the report: no artefact is seen at the size of the page.
 _POSTER_QUALITY = 88
@@ -39,12 +45,14 @@ class Clip:
     folder : Path
         Where the parts are.
     frame_rate : float
+    threads : int
+        Of the encoder.
     """
 
-    def __init__(self, path: Path, folder: Path, frame_rate: float) -> None:
+    def __init__(self, path: Path, folder: Path, frame_rate: float, threads: int = 1) -> None:
         from ..video.writer import encoder
 
-        self.path, self._folder, self._rate = path, folder, frame_rate
+        self.path, self._folder, self._rate, self._threads = path, folder, frame_rate, threads
         # Without PyAV browsers would play VP9 alone, which OpenCV writes at one frame a second: MPEG-4 keeps up.
         self.codec, self.library = encoder(path.suffix)
         if self.library != "av":
@@ -70,7 +78,9 @@ class Clip:
         with self._named():
             if self._writer is None:
                 name = f"{self.path.stem}-{len(self.parts):05d}{self.path.suffix}"
-                self._writer = VideoWriter(self._folder / name, frame_rate=self._rate, codec=self.codec)
+                self._writer = VideoWriter(
+                    self._folder / name, frame_rate=self._rate, codec=self.codec, threads=self._threads
+                )
                 self._part_s = t_s
                 self._first_s = t_s if math.isnan(self._first_s) else self._first_s
             try:
@@ -137,16 +147,27 @@ class Clip:
                 part.path.unlink(missing_ok=True)
 
 
+def _writes(clip: Clip) -> Callable[[tuple[NDArray[np.uint8], float]], None]:
+    """Give what appends a picture, with its time, to a video."""
+    return lambda item: clip.write(*item)
+
+
 class Views:
-    """Draw each frame three times in a thread of its own, and keep the pictures that tell most for the report."""
+    """Draw each frame three times in a thread of its own, and keep the pictures that tell most for the report.
+
+    Each video is encoded in a thread of its own too: the encoders are as slow as all drawing, and leave Python alone.
+    """
 
     def __init__(self, folder: Path, place: Path, stream: Any, *, style: Any, stride: int, videos: bool) -> None:
         rate = (stream.frame_rate or _DEFAULT_RATE * stride) / stride
         self.style = style
         self.clips: dict[str, Clip] = {}
+        self._encoders: dict[str, BackgroundWorker[tuple[NDArray[np.uint8], float]]] = {}
         if videos:
-            for name in ("flow", "moving", "static"):
-                self.clips[name] = Clip(folder / f"{name}.mp4", place, float(min(max(rate, 0.1), 1000.0)))
+            rate, threads = float(min(max(rate, 0.1), 1000.0)), max(1, get_num_threads() // len(_VIDEOS))
+            for name in _VIDEOS:
+                clip = self.clips[name] = Clip(folder / f"{name}.mp4", place, rate, threads)
+                self._encoders[name] = BackgroundWorker(_writes(clip), name=f"rsflow-{name}", depth=_WAITING)
         self.posters: dict[str, NDArray[np.uint8]] = {}
         self.poster_frame: int | None = None
         self._score = -1.0
@@ -170,7 +191,8 @@ class Views:
 
     def state(self) -> dict[str, Any]:
         """Give what `restore` needs; the parts of the videos at hand are completed first."""
-        for clip in self.clips.values():
+        for name, clip in self.clips.items():
+            self._encoders[name].wait()
             clip.cut()
         return {
             "clips": {name: clip.state() for name, clip in self.clips.items()},
@@ -204,8 +226,8 @@ class Views:
             return
         drawn = self._pictures(measured, before)
         for name, picture in drawn.items():
-            if name in self.clips:
-                self.clips[name].write(picture, before.t_s if name == "flow" else measured.frame.t_s)
+            if name in self._encoders:
+                self._encoders[name].put((picture, before.t_s if name == "flow" else measured.frame.t_s))
         if best:
             self._score, self.posters, self.poster_frame = score, drawn, measured.frame.index
 
@@ -231,12 +253,14 @@ class Views:
         return quiver(vectors, picture=before.color, points=points, valid=valid, style=self.style)
 
     def drained(self) -> Exception | None:
-        """Wait until all is drawn; give the error that ended the drawing, if one did."""
-        try:
-            self._worker.close()
-        except Exception as error:
-            return error
-        return None
+        """Wait until all is drawn and encoded; give the error that ended it, if one did."""
+        trouble: Exception | None = None
+        for end in (self._worker.close, *(encoder.close for encoder in self._encoders.values())):
+            try:
+                end()
+            except Exception as error:
+                trouble = trouble or error
+        return trouble
 
     def close(self) -> Exception | None:
         """Draw what ends the videos, after `drained`; give the error, if there is one."""

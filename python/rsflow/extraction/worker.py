@@ -18,13 +18,13 @@ _DEPTH = 4
 class BackgroundWorker(Generic[Item]):
     """Call `work(item)` in another thread, in the order of `put`.
 
-    The first error in `work` ends the work: it is raised once, by the next `put` or by `close`, and all items behind
-    it are dropped.
+    The first error in `work` ends the work: it is raised once, by the next `put`, `wait` or `close`, and all items
+    behind it are dropped. At most `depth` items wait.
     """
 
-    def __init__(self, work: Callable[[Item], None], *, name: str) -> None:
+    def __init__(self, work: Callable[[Item], None], *, name: str, depth: int = _DEPTH) -> None:
         self._work = work
-        self._queue: queue.Queue[Item | None] = queue.Queue(_DEPTH)
+        self._queue: queue.Queue[Item | threading.Event | None] = queue.Queue(depth)
         self._error: BaseException | None = None
         self._failed = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -32,7 +32,9 @@ class BackgroundWorker(Generic[Item]):
 
     def _run(self) -> None:
         while (item := self._queue.get()) is not None:
-            if not self._failed:
+            if isinstance(item, threading.Event):
+                item.set()
+            elif not self._failed:
                 try:
                     self._work(item)
                 except BaseException as error:
@@ -43,6 +45,14 @@ class BackgroundWorker(Generic[Item]):
         """Hand over one item; waits while the queue is full."""
         self._raise()
         self._queue.put(item)
+
+    def wait(self) -> None:
+        """Wait until all that was put is done."""
+        if self._thread.is_alive():
+            done = threading.Event()
+            self._queue.put(done)
+            done.wait()
+        self._raise()
 
     def close(self) -> None:
         """Wait until all is done and end the thread."""

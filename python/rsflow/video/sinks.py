@@ -29,10 +29,10 @@ CODECS: dict[str, tuple[tuple[str, ...], str]] = {
     "ffv1": ((), "FFV1"),
 }
 
-# x264's constant quality, close to what the eye tells apart; of its presets "superfast" gives the same size and error
-# at this quality as "veryfast" at 18, in two thirds of the time.
+# x264's constant quality, close to what the eye tells apart. "ultrafast" with bidirectional pictures (bf) has the error
+# of "superfast" at 20 within 1 dB, in half the time and 1.1 to 1.4 times the size; without those, twice the size.
 _OPTIONS: dict[str, dict[str, str]] = {
-    "libx264": {"preset": "superfast", "crf": "20"},
+    "libx264": {"preset": "ultrafast", "crf": "21", "bf": "3"},
     "libvpx-vp9": {"deadline": "realtime", "cpu-used": "8", "row-mt": "1", "crf": "24", "b": "0"},
 }
 # MPEG's clock: divides every common frame rate, and fine enough for any camera's timestamps.
@@ -58,7 +58,9 @@ class Sink(Protocol):
 class AvSink(OfProcess):
     """A video written by PyAV."""
 
-    def __init__(self, path: Path, codec: str, rate: Fraction, width: int, height: int) -> None:
+    def __init__(
+        self, path: Path, codec: str, rate: Fraction, width: int, height: int, threads: int | None = None
+    ) -> None:
         with opening:
             import av
             import cv2
@@ -81,7 +83,7 @@ class AvSink(OfProcess):
         self._stream.codec_context.colorspace = _BT601
         self._stream.codec_context.color_range = _LIMITED
         self._stream.codec_context.gop_size = max(1, min(250, round(2 * rate)))
-        self._stream.thread_count = get_num_threads()
+        self._stream.thread_count = get_num_threads() if threads is None else threads
 
     def write(self, bgr: Picture, tick: int) -> None:
         """Add a picture at a time."""

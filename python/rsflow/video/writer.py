@@ -50,11 +50,14 @@ class VideoWriter(OfProcess):
     codec : {"h264", "vp9", "mp4v"}, optional
         By default the first that can be written and that browsers play; `encoder` tells which. ``"mp4v"`` is quick
         everywhere but browsers do not play it.
+    threads : int, optional
+        Threads of the encoder; by default those of `rsflow.set_num_threads`.
 
     Raises
     ------
     OptionError
-        If the suffix, the rate or the codec is not one of these, or this codec cannot be written here.
+        If the suffix, the rate or the codec is not one of these, the codec cannot be written here, or there are no
+        such threads.
 
     Notes
     -----
@@ -71,9 +74,17 @@ class VideoWriter(OfProcess):
     25 ['a.mp4']
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, frame_rate: float, codec: str | None = None) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        frame_rate: float,
+        codec: str | None = None,
+        threads: int | None = None,
+    ) -> None:
         self.path = _checks.file_name("path", path, tuple(_SUFFIXES))
         rate = _rate(frame_rate)
+        self._threads = None if threads is None else _checks.integer("threads", threads, least=1, most=1024)
         self.codec, self._library = encoder(self.path.suffix, codec=codec)
         self.frames = 0
         self._rate = rate
@@ -219,8 +230,8 @@ class VideoWriter(OfProcess):
 
     def _open(self, width: int, height: int) -> None:
         self._file = Working(self.path)
-        sink = sinks.AvSink if self._library == "av" else sinks.Cv2Sink
-        self._sink = sink(self._file.path, self.codec, self._rate, width, height)
+        args = (self._file.path, self.codec, self._rate, width, height)
+        self._sink = sinks.AvSink(*args, self._threads) if self._library == "av" else sinks.Cv2Sink(*args)
 
     def _named(self, error: Exception) -> Exception:
         """Give an error of the file system the name of the video; others stay as they are."""
