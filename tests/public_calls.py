@@ -211,6 +211,11 @@ def _velocity_bench() -> bench.VelocityBench:
     return bench.VelocityBench((_condition_row(),), (_latency_row(),), "avx2", 1, {})
 
 
+def _segmentation_bench() -> bench.SegmentationBench:
+    row = bench.SegmentationRow("hand-held", "rsflow", 0.95, 0.96, 0.94, 0.001, 0.0, 2.5)
+    return bench.SegmentationBench((row,), "avx2", 1, 2, 90, (320, 240), {})
+
+
 def _latency_row() -> bench.LatencyRow:
     return bench.LatencyRow((64, 64), "rsflow", "frame to velocity", 0.4, 0.7)
 
@@ -430,9 +435,16 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.bench.ConditionRow": lambda _: (bench.ConditionRow, _fields(_condition_row())),
     "rsflow.bench.LatencyRow": lambda _: (bench.LatencyRow, _fields(_latency_row())),
     "rsflow.bench.Row": lambda _: (bench.Row, _fields(_bench_row())),
+    "rsflow.bench.SegmentationBench": lambda _: (bench.SegmentationBench, _fields(_segmentation_bench())),
+    "rsflow.bench.SegmentationBench.tables": lambda _: (_segmentation_bench().tables, {}),
+    "rsflow.bench.SegmentationRow": lambda _: (bench.SegmentationRow, _fields(_segmentation_bench().rows[0])),
     "rsflow.bench.VelocityBench": lambda _: (bench.VelocityBench, _fields(_velocity_bench())),
     "rsflow.bench.VelocityBench.tables": lambda _: (_velocity_bench().tables, {}),
     "rsflow.bench.measure": lambda _: (bench.measure, {"threads": 1, "rounds": 1, "quick": True}),
+    "rsflow.bench.measure_segmentation": lambda _: (
+        bench.measure_segmentation,
+        {"only": [], "clips": 1, "quick": True},
+    ),
     "rsflow.bench.measure_velocity": lambda _: (
         bench.measure_velocity,
         {"only": ["level"], "flights": 1, "rounds": 0, "quick": True, "progress": None},

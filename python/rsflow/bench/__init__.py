@@ -1,8 +1,10 @@
-"""Accuracy and time of rsflow beside OpenCV, on scenes whose motion is known exactly."""
+"""Accuracy and time of rsflow beside OpenCV, on scenes whose motion, and what moves, is known exactly."""
 
 from __future__ import annotations
 
 from .run import measure
+from .segmentation_run import measure_segmentation
+from .segmentation_tables import SEGMENTATION_MARKS, SegmentationBench, SegmentationRow
 from .tables import BEGIN, END, Bench, Row, with_tables
 from .velocity_run import measure_velocity
 from .velocity_tables import VELOCITY_MARKS, ConditionRow, LatencyRow, VelocityBench
@@ -10,13 +12,17 @@ from .velocity_tables import VELOCITY_MARKS, ConditionRow, LatencyRow, VelocityB
 __all__ = [
     "BEGIN",
     "END",
+    "SEGMENTATION_MARKS",
     "VELOCITY_MARKS",
     "Bench",
     "ConditionRow",
     "LatencyRow",
     "Row",
+    "SegmentationBench",
+    "SegmentationRow",
     "VelocityBench",
     "measure",
+    "measure_segmentation",
     "measure_velocity",
     "with_tables",
 ]

@@ -10,6 +10,7 @@ from .. import _checks
 from .._display import fields
 from ..errors import FormatError
 from ._markdown import markdown
+from .segmentation_tables import SegmentationBench
 from .velocity_tables import VelocityBench
 
 __all__ = ["BEGIN", "END", "Bench", "Row", "with_tables"]
@@ -109,19 +110,23 @@ def _pixels(length: float) -> str:
 
 
 def with_tables(
-    text: str, bench: Bench | VelocityBench | None, *, name: str = "the file", marks: tuple[str, str] = (BEGIN, END)
+    text: str,
+    bench: Bench | VelocityBench | SegmentationBench | None,
+    *,
+    name: str = "the file",
+    marks: tuple[str, str] = (BEGIN, END),
 ) -> str:
     r"""Give the Markdown `text` with the tables of `bench` between the lines `BEGIN` and `END`.
 
     Parameters
     ----------
     text : str
-    bench : Bench, VelocityBench or None
+    bench : Bench, VelocityBench, SegmentationBench or None
         None changes nothing and only checks `text`.
     name : str
         What to call the text in an error.
     marks : (str, str)
-        The two lines; `VELOCITY_MARKS` for a `VelocityBench`.
+        The two lines; `VELOCITY_MARKS` for a `VelocityBench`, `SEGMENTATION_MARKS` for a `SegmentationBench`.
 
     Returns
     -------
@@ -139,7 +144,8 @@ def with_tables(
     """
     text, name = _checks.text("text", text), _checks.text("name", name)
     if bench is not None:
-        _checks.instance("bench", bench, (Bench, VelocityBench), "a Bench, a VelocityBench or None")
+        kinds = (Bench, VelocityBench, SegmentationBench)
+        _checks.instance("bench", bench, kinds, "a Bench, a VelocityBench, a SegmentationBench or None")
     pair = [_checks.text("marks", mark) for mark in _checks.iterable("marks", marks, "two lines")]
     if len(pair) != 2:
         raise _checks.refused("marks", marks, "two lines")

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rsflow.bench import Bench, VelocityBench
+    from rsflow.bench import Bench, SegmentationBench, VelocityBench
 
 DESCRIPTION = """\
 Measure accuracy and time of rsflow beside OpenCV, on made scenes whose motion is known exactly.
@@ -29,10 +29,16 @@ the speed; 'valid' is the share of frames with a velocity, 'false' of those with
 deviations and 2 %; 'within 1' and 'within 2' are shares within as many standard deviations. Then the time from frame to
 velocity, by stage, beside goodFeaturesToTrack, calcOpticalFlowPyrLK and RANSAC. It takes some minutes.
 
+With 'segmentation': MotionSegmenter beside OpenCV's MOG2 and KNN (GSOC and CNT where this OpenCV has them), stabilised
+where the camera moves and with the best of several median filters, on kinds of clips whose masks are known exactly
+(cameras, speeds, light, noise, shadows, boxes, nothing that moves). 'F' is of the pixels, 1 is perfect; 'false' is the
+share of still pixels that are called moving, 'far' of those more than 3 pixels from every thing. It takes some minutes.
+
 examples:
   rsflow bench
   rsflow bench velocity
   rsflow bench velocity --only "level" --only "rolling shutter" --flights 5
+  rsflow bench segmentation --only "hand-held" --clips 4
   rsflow bench --threads 4 --rounds 21
   rsflow bench --quick --json
   rsflow bench --update README.md"""
@@ -41,7 +47,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``rsflow bench``."""
     parser.add_argument(
-        "subject", nargs="?", choices=("velocity",), help="what to measure (default: motion in pictures)"
+        "subject", nargs="?", choices=("velocity", "segmentation"), help="what to measure (default: motion in pictures)"
     )
     parser.add_argument("--threads", type=int, default=1, metavar="N", help="of rsflow and of OpenCV (default 1)")
     parser.add_argument(
@@ -52,15 +58,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--only", metavar="NAME", action="append",
-        help="velocity: conditions whose name begins so, and no times; may be given several times",
+        help="velocity: conditions whose name begins so, and no times; segmentation: kinds; may be given several times",
     )  # fmt: skip
     parser.add_argument("--flights", type=int, metavar="N", help="velocity: flights of each condition (default 3)")
+    parser.add_argument("--clips", type=int, metavar="N", help="segmentation: clips of each kind (default 2)")
     parser.add_argument("--quick", action="store_true", help="smaller scenes and fewer pairs: a trial, not for quoting")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     parser.add_argument(
         "--update", metavar="FILE",
         help="rewrite what stands between <!-- bench-start --> and <!-- bench-end --> in this Markdown file (velocity: "
-        "<!-- velocity-conditions-start --> and -end)",
+        "<!-- velocity-conditions-start --> and -end; segmentation: <!-- segmentation-kinds-start --> and -end)",
     )  # fmt: skip
 
 
@@ -69,16 +76,22 @@ def run(args: argparse.Namespace) -> int:
     from rsflow import bench
     from rsflow.io.atomic import writing
 
-    velocity = args.subject == "velocity"
-    marks = bench.VELOCITY_MARKS if velocity else (bench.BEGIN, bench.END)
+    marks = {"velocity": bench.VELOCITY_MARKS, "segmentation": bench.SEGMENTATION_MARKS}
+    marks_of = marks.get(args.subject, (bench.BEGIN, bench.END))
     # Before the measuring: what is wrong with the file should not cost a minute.
     page = None if args.update is None else _read(args.update)
     if page is not None:
-        bench.with_tables(page, None, name=args.update, marks=marks)
-    found = _velocity(args) if velocity else _motion(args)
+        bench.with_tables(page, None, name=args.update, marks=marks_of)
+    _refuse_others(args)
+    found: Bench | VelocityBench | SegmentationBench
+    if args.subject is None:
+        found = _motion(args)
+    else:
+        found = _velocity(args) if args.subject == "velocity" else _segmentation(args)
     if args.json:
         figures = asdict(found)
-        for row in (row for rows in figures.values() if isinstance(rows, tuple) for row in rows):
+        rows = [row for part in figures.values() if isinstance(part, tuple) for row in part if isinstance(row, dict)]
+        for row in rows:
             # JSON has no NaN.
             row.update({k: None for k, v in row.items() if isinstance(v, float) and not math.isfinite(v)})
         print(json.dumps(figures, indent=1))
@@ -86,18 +99,28 @@ def run(args: argparse.Namespace) -> int:
         print(found.tables())
     if page is not None:
         with writing(args.update) as partial:
-            partial.write_bytes(bench.with_tables(page, found, name=args.update, marks=marks).encode("utf-8"))
+            partial.write_bytes(bench.with_tables(page, found, name=args.update, marks=marks_of).encode("utf-8"))
         print(f"{args.update}: tables rewritten", file=sys.stderr)
     return 0
 
 
-def _motion(args: argparse.Namespace) -> Bench:
-    from rsflow import bench
+# What each subject alone takes.
+_OF = {"only": ("velocity", "segmentation"), "flights": ("velocity",), "clips": ("segmentation",)}
+
+
+def _refuse_others(args: argparse.Namespace) -> None:
     from rsflow.errors import OptionError
 
-    for name in ("only", "flights"):
-        if getattr(args, name) is not None:
-            raise OptionError(f"--{name}: got {getattr(args, name)}, expected it with rsflow bench velocity alone")
+    for name, subjects in _OF.items():
+        value = getattr(args, name)
+        if value is not None and args.subject not in subjects:
+            rest = " or ".join(subjects)
+            raise OptionError(f"--{name}: got {value}, expected it with rsflow bench {rest} alone")
+
+
+def _motion(args: argparse.Namespace) -> Bench:
+    from rsflow import bench
+
     rounds = args.rounds if args.rounds is not None else 3 if args.quick else 9
     return bench.measure(threads=args.threads, rounds=rounds, quick=args.quick)
 
@@ -111,8 +134,24 @@ def _velocity(args: argparse.Namespace) -> VelocityBench:
     rounds = args.rounds if args.rounds is not None else 0 if args.only else 60
     return bench.measure_velocity(
         only=args.only, flights=3 if args.flights is None else args.flights, rounds=rounds, quick=args.quick,
-        progress=lambda name: print(name, file=sys.stderr, flush=True),
+        progress=_told,
     )  # fmt: skip
+
+
+def _segmentation(args: argparse.Namespace) -> SegmentationBench:
+    from rsflow import bench
+    from rsflow.errors import OptionError
+
+    if args.rounds is not None:
+        raise OptionError(f"--rounds: got {args.rounds}, expected it without segmentation: each frame is timed once")
+    clips = 2 if args.clips is None else args.clips
+    return bench.measure_segmentation(
+        only=args.only, clips=clips, threads=args.threads, quick=args.quick, progress=_told
+    )
+
+
+def _told(name: str) -> None:
+    print(name, file=sys.stderr, flush=True)
 
 
 def _read(path: str) -> str:
