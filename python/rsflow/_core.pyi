@@ -13,6 +13,8 @@ __all__ = [
     "build_info",
     "detect_corners",
     "estimate_shift",
+    "find_parallax",
+    "fit_camera",
     "fit_plane",
     "gaussian_pyramid",
     "get_num_threads",
@@ -22,6 +24,7 @@ __all__ = [
     "shift_statuses",
     "track_points",
     "track_pyr_lk",
+    "unexplained_motion",
 ]
 
 __version__: str
@@ -161,3 +164,12 @@ class DenseFlow:
     def reset(self) -> None: ...
     def state(self) -> dict[str, Any] | None: ...
     def restore(self, state: dict[str, Any] | None) -> None: ...
+
+_Homography = list[list[float]]
+_Belief = tuple[list[float], float | None, float, bool, list[float]]
+
+def fit_camera(vectors: NDArray[np.float64], before: _Homography | None) -> tuple[_Homography, str, float, float]: ...
+def find_parallax(
+    vectors: NDArray[np.float64], homography: _Homography, sigma_px: float, before: _Belief | None
+) -> _Belief | None: ...
+def unexplained_motion(residual: NDArray[np.float32], parallax: _Belief) -> NDArray[np.float32]: ...

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import parallax, regions
+from . import regions
 from .background import warped
 from .photometric import fit_light, light_between
 
@@ -107,13 +107,6 @@ def residual_motion(b: F32, homography: F64) -> F32:
             y - (h[1, 0] * at_x + h[1, 1] * at_y + h[1, 2]) / w,
         ]
     )
-
-
-def without_parallax(residual: F32, epipole: F64) -> F32:
-    """Take off the part of a residual motion that runs along the lines to the epipole: depth explains it."""
-    x, y = grid(*residual.shape[:2])
-    out: F32 = parallax.across(residual.astype(np.float64), np.dstack([x, y]), epipole).astype(np.float32)
-    return out
 
 
 def gradient(image: F32) -> tuple[F32, F32]:

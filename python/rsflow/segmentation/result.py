@@ -61,8 +61,8 @@ class MotionSegmentation:
         ``"translation"``, ``"similarity"``, ``"affine"`` or ``"homography"``, the simplest that explains it;
         ``"static"`` for a static camera, ``"none"`` where it could not be fitted.
     parallax : bool
-        Whether the scene was seen to have depth: then what moves along the lines of the camera's travel counts as
-        still, and `residual` is the motion across them.
+        Whether the scene was seen to have depth: then what moves along the lines of the camera's travel, the way that
+        depth goes, counts as still, and `residual` is the motion across them.
     objects : tuple of TrackedObject
         The regions of `moving` with their numbers, which last over the frames.
     labels : (H, W) int32

@@ -97,9 +97,9 @@ class MotionSegmenter(Shared):
 
     Notes
     -----
-    The camera's motion is a plane's: a translation, similarity, affine map or homography. Where much of the picture, or
-    several places in it, move against that plane along lines through one point, the scene has depth, and motion along
-    these lines is parallax. A single thing nearer than the rest cannot be told from one that moves.
+    The camera's motion is a plane's: a translation, similarity, affine map or homography. Where things move against
+    that plane along lines through one point, by more than chance and as far as the camera travelled, the scene has
+    depth, and motion along these lines the way that depth goes is parallax: what moves so by itself cannot be told.
 
     Parallax: M. Irani and P. Anandan, PAMI 20(6), 1998. False discoveries: Y. Benjamini and Y. Hochberg,
     J. R. Stat. Soc. B 57, 1995.
@@ -115,11 +115,12 @@ class MotionSegmenter(Shared):
     """
 
     _state_types: ClassVar = {
-        **dict.fromkeys(("static_camera", "_parallax", "_flow_is_ours"), (bool, np.bool_)),
+        **dict.fromkeys(("static_camera", "_flow_is_ours"), (bool, np.bool_)),
+        "_parallax": (_parallax.Parallax, type(None)),
         "min_area": (numbers.Integral, type(None)),
         "_flow": (DenseFlow,),
         "_fixed": (FixedMask, type(None)),
-        **dict.fromkeys(("_previous", "_moving"), (np.ndarray, type(None))),
+        **dict.fromkeys(("_previous", "_moving", "_camera_before"), (np.ndarray, type(None))),
         "_outline": (Outline, type(None)),
         "_background": (Background,),
         "_spread": (numbers.Real,),
@@ -165,7 +166,8 @@ class MotionSegmenter(Shared):
         self._previous: F32 | None = None
         self._moving: Mask | None = None
         self._outline: Outline | None = None
-        self._parallax = False
+        self._parallax: _parallax.Parallax | None = None
+        self._camera_before: F64 | None = None
         self._background = Background()
         self._spread = np.inf
         self._tracker: ObjectTracker | None = None
@@ -245,8 +247,10 @@ class MotionSegmenter(Shared):
         if self._fixed is not None:
             given &= self._fixed.pixels
         trusted = given & np.asarray(flow.valid, bool)
-        camera = self._camera(uv, trusted)
+        covariance = getattr(flow, "covariance", None)
+        camera = self._camera(uv, trusted, covariance)
         homography = camera.homography
+        self._camera_before = None if camera.model == "none" else homography
         self._background.follow(homography)
         if camera.model == "none":
             self._background.reset()
@@ -260,10 +264,9 @@ class MotionSegmenter(Shared):
         # Flow that its own estimator does not trust takes part as well: the pictures decide whether it explains them.
         b, known = evidence.backward(small.motion(uv, given), small.all(given))
         residual = evidence.residual_motion(b, small.homography(homography))
-        epipole = self._epipole(uv, trusted, camera)
-        self._parallax = epipole is not None
-        if epipole is not None:
-            residual = evidence.without_parallax(residual, small.point(epipole))
+        believed = self._believe(uv, trusted, covariance, camera)
+        if believed is not None:
+            residual = believed.unexplained(residual, small)
         # Where this frame shows what the one before did not, and windows reach over there, nothing is compared.
         known &= evidence.seen_before(known.shape, small.homography(homography))
         counts = None
@@ -313,14 +316,14 @@ class MotionSegmenter(Shared):
         length = small.enlarged_image(np.hypot(residual[..., 0], residual[..., 1]) * np.float32(small.factor))
         if self._fixed is not None:
             length[~self._fixed.pixels] = np.nan
-        ok = SegmentationStatus.OK
-        return self._result(image, current, length, homography, camera.model, objects, ok, parallax=self._parallax)
+        ok, depth = SegmentationStatus.OK, believed is not None
+        return self._result(image, current, length, homography, camera.model, objects, ok, parallax=depth)
 
     def _uncounted(self, away: Mask) -> Mask:
         """Add the pixels that do not count to those that a background cannot be taken from."""
         return away if self._fixed is None else away | ~self._fixed.pixels
 
-    def _camera(self, uv: F32, valid: Mask) -> _homography.CameraMotion:
+    def _camera(self, uv: F32, valid: Mask, covariance: F32 | None) -> _homography.CameraMotion:
         step = _VECTOR_STEP if min(valid.shape) >= 8 * _VECTOR_STEP else max(1, min(valid.shape) // 8)
         start = step // 2
         rows, columns = np.nonzero(valid[start::step, start::step])
@@ -332,19 +335,22 @@ class MotionSegmenter(Shared):
         if self.static_camera:
             sigma = 0.0 if not len(vectors) else float(np.median(np.hypot(*vectors.T))) / 1.1774
             return _homography.CameraMotion(np.eye(3), "static", min(max(sigma, 0.02), 0.3), 1.0)
-        return _homography.fit(points, vectors)
+        return _homography.fit(points, vectors, _homography.picked(covariance, rows, columns), self._camera_before)
 
-    def _epipole(self, uv: F32, valid: Mask, camera: _homography.CameraMotion) -> F64 | None:
-        """Find the point on whose lines a scene with depth moves; None without depth or with a static camera."""
+    def _believe(
+        self, uv: F32, valid: Mask, covariance: F32 | None, camera: _homography.CameraMotion
+    ) -> _parallax.Parallax | None:
+        """Follow what is believed of the scene's depth; None where this frame has none, or with a static camera."""
         if self.static_camera:
             return None
         step = max(2, round(math.sqrt(valid.size / _PARALLAX_VECTORS)))
         rows, columns = np.nonzero(valid[::step, ::step])
         rows, columns = rows * step, columns * step
         points = np.column_stack([columns, rows]).astype(np.float64)
-        by_plane = _homography.apply(camera.homography, points)
         vectors = uv[rows, columns].astype(np.float64)
-        return _parallax.epipole(points, vectors, by_plane, camera.sigma_px, before=self._parallax)
+        given = _homography.picked(covariance, rows, columns)
+        self._parallax = _parallax.find(points, vectors, given, camera, self._parallax)
+        return self._parallax if self._parallax is not None and self._parallax.believed else None
 
     def _result(
         self,

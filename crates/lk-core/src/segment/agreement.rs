@@ -1,0 +1,163 @@
+//! How much more things agree with an epipole than their directions would by chance.
+
+use std::f64::consts::TAU;
+
+use super::epipole::{ANGLE, Point, toward};
+use super::things::{Cell, Things};
+use super::travel::Travel;
+
+/// An epipole is known to this distance, in units: near it directions tell less.
+const POINT_STD: f64 = 0.05;
+/// Directions to where the plane's own motion has the epipole differ by this angle, in radians: the camera turns too.
+const BY_PLANE_ANGLE: f64 = 0.03;
+/// Share of the things off the plane that are still in a scene with depth, and of those on the other side of the plane
+/// where they are on one side.
+const STILL: f64 = 0.6;
+const OTHER_SIDE: f64 = 0.02;
+/// What it costs, in logarithms of odds, that still things are on both sides of the plane, or behind it.
+const BOTH_SIDES: f64 = 0.7;
+const BEHIND: f64 = 1.5;
+/// A still thing moves against the plane by at most this part of what the plane does by the camera's travel, both
+/// along the line: its distance is a third of the plane's then. Behind the plane it is at most at infinity.
+const NEAREST: f64 = 2.0;
+/// Most things are not higher than two fifths of the plane's distance: beyond that ratio depth is that much rarer.
+const USUAL: f64 = 0.7;
+const RARER: f64 = 0.2;
+/// Of so many cells of a thing one errs by itself, and at most so many do. Beyond so many times its variance the angle
+/// scatters more within a thing than depth explains.
+const ALIKE_CELLS: f64 = 2.0;
+const MOST_ALONE: f64 = 6.0;
+const MOST_SCATTER: f64 = 3.0;
+/// A thing of fewer cells says less.
+const CELLS: f64 = 3.0;
+/// Where the epipole may be.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Candidate {
+    pub(super) point: Point,
+    /// Whether it is from the plane's motion: then no thing was used up to find it.
+    pub(super) by_plane: bool,
+}
+
+/// How things agree with an epipole.
+#[derive(Debug)]
+pub(super) struct Agreement {
+    /// Logarithm of the odds of depth against things that move anyhow.
+    pub(super) said: f64,
+    /// Of each thing, whether it is more likely still.
+    pub(super) agrees: Vec<bool>,
+}
+
+impl Agreement {
+    /// How many things that agree move away from a point, and towards it.
+    pub(super) fn directions(&self, things: &Things, point: &Point) -> [f64; 2] {
+        let mut along = vec![0.0; things.count];
+        for cell in &things.cells {
+            let [x, y] = toward(point, cell.place);
+            along[cell.thing] += cell.motion[0] * x + cell.motion[1] * y;
+        }
+        let mut counts = [0.0; 2];
+        for (along, _) in along
+            .iter()
+            .zip(&self.agrees)
+            .filter(|(_, agrees)| **agrees)
+        {
+            counts[usize::from(*along > 0.0)] += 1.0;
+        }
+        counts
+    }
+}
+
+/// Sums over the cells of a thing.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    across: f64,
+    turned: f64,
+    length: f64,
+    variance: f64,
+    vague: f64,
+    along: f64,
+    travel: f64,
+    cells: f64,
+}
+
+impl Sums {
+    fn add(&mut self, cell: &Cell, point: &Point, travel: &[f64; 3]) {
+        let [x, y] = toward(point, cell.place);
+        let far = (x * x + y * y).max(1e-6);
+        let [u, v] = cell.motion;
+        let across = u * y - v * x;
+        let square = u * u + v * v;
+        self.across += across * across / far;
+        self.turned += across / far.sqrt() * square.sqrt();
+        self.length += square;
+        self.variance += cell.variance;
+        self.vague += square * POINT_STD * POINT_STD / far;
+        self.along += (u * x + v * y) / far.sqrt();
+        self.travel +=
+            (travel[0] + travel[1] * cell.place[0] + travel[2] * cell.place[1]) * far.sqrt();
+        self.cells += 1.0;
+    }
+
+    /// Logarithms of the odds that the thing is still, where still things are nearer, behind, and both.
+    fn odds(&self, angle: f64) -> [f64; 3] {
+        let ratio = self.along / self.travel;
+        // Flow errs alike in neighbouring cells.
+        let single = (self.variance + self.vague) / self.length;
+        let variance = single / (self.cells / ALIKE_CELLS).clamp(1.0, MOST_ALONE) + angle * angle;
+        let turned = self.turned / self.length;
+        let scatter = self.across / self.length / (single + angle * angle);
+        let error = turned * turned / variance + (scatter - MOST_SCATTER).max(0.0);
+        // The density of the angle beside one that is like everywhere on the circle.
+        let density = TAU / (TAU * variance).sqrt() * (-0.5 * error).exp();
+        let density = match ratio {
+            ratio if ratio > -1.0 && ratio < USUAL => density,
+            ratio if ratio > 0.0 && ratio < NEAREST => RARER * density,
+            _ => 0.0,
+        };
+        let nearer = ratio > 0.0;
+        let one_side = |this: bool| if this { STILL } else { OTHER_SIDE };
+        let shares = [one_side(nearer), one_side(!nearer), STILL / 2.0];
+        let say = (self.cells / CELLS).min(1.0);
+        shares.map(|share| say * (share * density + 1.0 - STILL).ln())
+    }
+}
+
+/// How things agree with a candidate.
+pub(super) fn agreement(things: &Things, travel: &Travel, candidate: &Candidate) -> Agreement {
+    let point = &candidate.point;
+    let by_distance = travel.toward(point);
+    let mut sums = vec![Sums::default(); things.count];
+    for cell in &things.cells {
+        sums[cell.thing].add(cell, point, &by_distance);
+    }
+    let angle = if candidate.by_plane {
+        ANGLE.hypot(BY_PLANE_ANGLE)
+    } else {
+        ANGLE
+    };
+    let odds: Vec<[f64; 3]> = sums.iter().map(|sums| sums.odds(angle)).collect();
+    let mut best = Agreement {
+        said: f64::NEG_INFINITY,
+        agrees: Vec::new(),
+    };
+    for (side, cost) in [0.0, BEHIND, BOTH_SIDES].into_iter().enumerate() {
+        let mut said: f64 = odds.iter().map(|odds| odds[side]).sum::<f64>() - cost;
+        if !candidate.by_plane {
+            // Any two things have a point of their own.
+            let (mut first, mut second) = (0.0, 0.0);
+            for odds in &odds {
+                if odds[side] > first {
+                    (first, second) = (odds[side], first);
+                } else if odds[side] > second {
+                    second = odds[side];
+                }
+            }
+            said -= first + second;
+        }
+        if said > best.said {
+            best.said = said;
+            best.agrees = odds.iter().map(|odds| odds[side] > 0.0).collect();
+        }
+    }
+    best
+}
