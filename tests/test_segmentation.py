@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -199,12 +198,13 @@ def test_the_background_is_what_stands_still(mode: str) -> None:
     assert np.median(np.abs(view[..., 0][behind].astype(float) - bare[-1][behind])) < 6
 
 
-def test_the_views(tmp_path: Path) -> None:
+def test_the_views() -> None:
     images, masks = scene(6)
     segmenter = MotionSegmenter(camera_motion="static")
     result = [segmenter.update(image) for image in images][-1]
     view = result.moving_view(boxes=False)
-    np.testing.assert_array_equal(view[result.moving][:, 0], images[-1][result.moving])
+    inside = cv2.erode(result.moving.view(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    np.testing.assert_array_equal(view[inside][:, 0], images[-1][inside])
     assert view[~result.moving].mean() < 0.5 * images[-1][~result.moving].mean()
     color = np.dstack([images[-1], images[-1] // 2, images[-1]])
     assert result.moving_view(color).shape == color.shape

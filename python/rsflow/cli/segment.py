@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import json
 import math
+from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,8 +23,12 @@ from rsflow.cli._options import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from rsflow.capture import Frame
     from rsflow.segmentation import MotionSegmentation
+    from rsflow.video import VideoWriter
 
 DESCRIPTION = """\
 Tell what moves from what stands still in a SOURCE (a video, a folder or glob of pictures, a camera's index, a URL).
@@ -100,6 +105,7 @@ def run(args: argparse.Namespace) -> int:
         videos = [
             stack.enter_context(VideoWriter(out / f"{name}.mp4", frame_rate=rate)) for name in ("moving", "static")
         ]
+        static = _StaticVideo(videos[1], rate)
         try:
             for frame in source:
                 if mask is not None and count == 0:
@@ -107,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
                 result = segmenter.update(frame.image)
                 t_s = frame.t_s if math.isfinite(frame.t_s) else None
                 videos[0].write(result.moving_view(frame.color), t_s)
-                videos[1].write(result.static_view(frame.color), t_s)
+                static.write(result, frame, t_s)
                 table.write(frame.index, frame.t_s, result.objects)
                 if args.masks:
                     folder.record()
@@ -117,9 +123,11 @@ def run(args: argparse.Namespace) -> int:
                 seen |= {thing.id for thing in result.objects}
                 if args.json:
                     print(json.dumps(_line(frame, result)))
+            static.finish()
         except KeyboardInterrupt:
             # What is finished is kept.
             folder.record()
+            static.finish()
             for video in videos:
                 video.finish()
             raise
@@ -133,6 +141,29 @@ def run(args: argparse.Namespace) -> int:
             f"{out / 'objects.csv'}"
         )
     return 0
+
+
+class _StaticVideo:
+    """What stands still: each picture waits for what is seen behind its things later."""
+
+    def __init__(self, video: VideoWriter, rate: float) -> None:
+        from rsflow.segmentation.scene import StaticScene, frames_ahead
+
+        self._video, self._scene = video, StaticScene(look_ahead=frames_ahead(rate))
+        self._times: deque[float | None] = deque()
+
+    def write(self, result: MotionSegmentation, frame: Frame, t_s: float | None) -> None:
+        """Take a frame; write the pictures that are complete."""
+        self._times.append(t_s)
+        self._put(self._scene.add(result, frame.color))
+
+    def finish(self) -> None:
+        """Write the pictures that wait."""
+        self._put(self._scene.finish())
+
+    def _put(self, pictures: list[NDArray[np.uint8]]) -> None:
+        for picture in pictures:
+            self._video.write(picture, self._times.popleft())
 
 
 def _line(frame: Frame, result: MotionSegmentation) -> dict[str, Any]:

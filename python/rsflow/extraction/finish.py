@@ -60,7 +60,7 @@ def close(outputs: Outputs, pipeline: Pipeline, ending: Ending) -> tuple[Extract
         return True
 
     # On a disk that is full the room that is left goes to what explains the rest.
-    background = pipeline.background() if trouble is None else None
+    background = outputs.views.background() if trouble is None and outputs.views is not None else None
     if background is not None:
         step("background", lambda path: path.write_bytes(_png(background)))
     # The summary names itself and the page among the files: both come after it is put together.

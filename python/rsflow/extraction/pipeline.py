@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from .._display import fields
 from ..capture.masks import FixedMask, mask_of_frames
 from ..errors import OptionError
@@ -87,11 +85,12 @@ class Pipeline:
             max_displacement=settings.max_displacement,
             mask=self.mask,
             next_mask=self.mask,
+            # For the arrows: what is within the flow's own uncertainty is none.
+            covariance=True,
         )
         self._prev: NDArray[Any] | None = None
         self._prev_t_s = math.nan
         self._segmenter: MotionSegmenter | None = None
-        self._last_segmentation: MotionSegmentation | None = None
         self.ground: Ground | None = None
         # "auto" is decided by `settle`.
         self.decision = (
@@ -157,13 +156,7 @@ class Pipeline:
         """Be as after `frame`, which is measured already, from what was saved then."""
         state = saved.value("pipeline", make={"MotionSegmenter": self._new_segmenter})
         self.decision = CameraDecision(*state["decision"])
-        from ..segmentation.result import SegmentationStatus
-
-        self._segmenter = segmenter = state["segmenter"]
-        # For the background, if no frame is left.
-        self._last_segmentation = segmenter._result(
-            frame.image, segmenter._previous, None, np.eye(3), self.decision.motion, (), SegmentationStatus.OK
-        )
+        self._segmenter = state["segmenter"]
         # The others know the frame before and no more.
         self._prev, self._prev_t_s = frame.image, frame.t_s
         self._dense.update(self._counted(frame.image))
@@ -175,7 +168,6 @@ class Pipeline:
         """Second step: moving and static, velocity, and the rows of the tables."""
         assert self._segmenter is not None, "settle or go_on comes first"
         segmentation = self._segmenter.update(frame.image, flow=flow)
-        self._last_segmentation = segmentation
         dt_s = frame.t_s - self._prev_t_s
         self._prev_t_s = frame.t_s
         velocity, table_row = None, None
@@ -211,16 +203,3 @@ class Pipeline:
     def without_log(self) -> OptionError | None:
         """Give the error that a log had nothing for any frame, or None."""
         return None if self.ground is None else self.ground.missed()
-
-    def background(self) -> NDArray[np.uint8] | None:
-        """Give the static scene at the end, None where there is none."""
-        if self._last_segmentation is None:
-            return None
-        from .._display import displayed
-
-        scene = self._last_segmentation.background
-        image = self._last_segmentation.image
-        # Where nothing is known yet a middle grey stands; other depths are shown as the last frame would be.
-        known = np.isfinite(scene)
-        picture = np.where(known, scene, scene[known].mean(dtype=np.float64) if known.any() else 0.0)
-        return displayed(picture.round().clip(0, 255).astype(np.uint8) if image.dtype == np.uint8 else picture)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .._core import get_num_threads
 from ..video.join import Part, join
 from ..video.sinks import CLOCK
+from .pictures import Drawn, Pictures
 from .worker import BackgroundWorker
 
 if TYPE_CHECKING:
@@ -161,6 +162,7 @@ class Views:
     def __init__(self, folder: Path, place: Path, stream: Any, *, style: Any, stride: int, videos: bool) -> None:
         rate = (stream.frame_rate or _DEFAULT_RATE * stride) / stride
         self.style = style
+        self._pictures = Pictures(style, rate)
         self.clips: dict[str, Clip] = {}
         self._encoders: dict[str, BackgroundWorker[tuple[NDArray[np.uint8], float]]] = {}
         if videos:
@@ -171,7 +173,6 @@ class Views:
         self.posters: dict[str, NDArray[np.uint8]] = {}
         self.poster_frame: int | None = None
         self._score = -1.0
-        self._before: Any = None
         self._worker: BackgroundWorker[Measured | Callable[[], None]] = BackgroundWorker(
             self._take, name="rsflow-views"
         )
@@ -191,6 +192,8 @@ class Views:
 
     def state(self) -> dict[str, Any]:
         """Give what `restore` needs; the parts of the videos at hand are completed first."""
+        # Nothing waits after `drained`.
+        self._keep(self._pictures.complete())
         for name, clip in self.clips.items():
             self._encoders[name].wait()
             clip.cut()
@@ -199,6 +202,7 @@ class Views:
             "posters": dict(self.posters),
             "poster_frame": self.poster_frame,
             "score": self._score,
+            "pictures": self._pictures.state(),
         }
 
     def restore(self, state: dict[str, Any], before: Any) -> None:
@@ -206,7 +210,7 @@ class Views:
         for name, clip in self.clips.items():
             clip.restore(state["clips"][name])
         self.posters, self.poster_frame, self._score = state["posters"], state["poster_frame"], state["score"]
-        self._before = before
+        self._pictures.restore(state["pictures"], before)
 
     def _take(self, item: Measured | Callable[[], None]) -> None:
         if callable(item):
@@ -215,47 +219,29 @@ class Views:
             self._draw(item)
 
     def _draw(self, measured: Measured) -> None:
-        """Draw what a video or the report needs of one frame; arrows stand on the frame that they start from."""
-        before, self._before = self._before, measured.frame
+        """Draw what a video or the report needs of one frame."""
         share = measured.motion.get("moving_share")
         # Where more than half of the picture "moves", the camera's motion is what was not understood.
         score = min(share, 1.0 - share) if isinstance(share, float) and math.isfinite(share) else 0.0
         # The report shows the frame where most moves; of a scene at rest, the first that has a flow.
-        best = measured.flow is not None and before is not None and score > self._score
-        if not self.clips and not best:
-            return
-        drawn = self._pictures(measured, before)
-        for name, picture in drawn.items():
-            if name in self._encoders:
-                self._encoders[name].put((picture, before.t_s if name == "flow" else measured.frame.t_s))
+        best = measured.flow is not None and score > self._score
         if best:
-            self._score, self.posters, self.poster_frame = score, drawn, measured.frame.index
+            self._score, self.poster_frame = score, measured.frame.index
+        self._keep(self._pictures.draw(measured, wanted=bool(self.clips) or best))
 
-    def _pictures(self, measured: Measured, before: Any) -> dict[str, NDArray[np.uint8]]:
-        color = measured.frame.color
-        drawn = {
-            "moving": measured.segmentation.moving_view(color),
-            "static": measured.segmentation.static_view(color),
-        }
-        if before is not None and measured.flow is not None:
-            drawn = {"flow": self._arrows(measured.flow, before), **drawn}
-        return drawn
-
-    def _arrows(self, flow: Any, before: Any) -> NDArray[np.uint8]:
-        """Draw the arrows; only the pixels where one stands are looked at."""
-        from ..plotting import quiver
-        from ..plotting.arrows import grid
-
-        height, width = flow.valid.shape
-        points = grid(height, width, self.style.step)
-        columns, rows = points.astype(int).T
-        vectors, valid = flow.uv[rows, columns], flow.valid[rows, columns]
-        return quiver(vectors, picture=before.color, points=points, valid=valid, style=self.style)
+    def _keep(self, drawn: list[Drawn]) -> None:
+        """Write pictures into the videos, and keep those of the report."""
+        for one in drawn:
+            if one.view in self._encoders:
+                self._encoders[one.view].put((one.picture, one.t_s))
+            if one.frame == self.poster_frame:
+                self.posters[one.view] = one.picture
 
     def drained(self) -> Exception | None:
         """Wait until all is drawn and encoded; give the error that ended it, if one did."""
         trouble: Exception | None = None
-        for end in (self._worker.close, *(encoder.close for encoder in self._encoders.values())):
+        pictures = (lambda: self._keep(self._pictures.complete()),)
+        for end in (self._worker.close, *pictures, *(encoder.close for encoder in self._encoders.values())):
             try:
                 end()
             except Exception as error:
@@ -265,19 +251,16 @@ class Views:
     def close(self) -> Exception | None:
         """Draw what ends the videos, after `drained`; give the error, if there is one."""
         try:
-            before, self._before = self._before, None
-            if before is not None and "flow" in self.clips:
-                # From the last picture nothing goes on: it has no arrows, and the three videos stay equally long.
-                self.clips["flow"].write(self._bare(before), before.t_s)
+            # The three videos stay equally long.
+            for one in self._pictures.last() if self.clips else ():
+                self.clips[one.view].write(one.picture, one.t_s)
         except Exception as error:
             return error
         return None
 
-    def _bare(self, frame: Any) -> NDArray[np.uint8]:
-        from ..plotting import quiver
-
-        nothing = np.zeros((0, 2), np.float32)
-        return quiver(nothing, picture=frame.color, points=nothing, style=self.style)
+    def background(self) -> NDArray[np.uint8] | None:
+        """Give the static scene of all frames, after `drained`; None where there is none."""
+        return self._pictures.background()
 
     def jpeg(self, name: str) -> bytes | None:
         """Give the picture of the report for one view."""

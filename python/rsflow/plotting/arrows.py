@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
 
@@ -25,6 +26,7 @@ _MARGIN = 8
 _RIM: drawing.Color = (20, 20, 20)
 
 
+@functools.lru_cache(maxsize=16)
 def grid(height: int, width: int, step: int) -> NDArray[np.float64]:
     """Whole-pixel points of a grid of this step that is centred on the picture, (n, 2)."""
     axes = []
@@ -32,7 +34,9 @@ def grid(height: int, width: int, step: int) -> NDArray[np.float64]:
         count = max(1, length // step)
         axes.append((length - 1 - (count - 1) * step) // 2 + step * np.arange(count))
     x, y = np.meshgrid(*axes)
-    return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    points = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    points.setflags(write=False)
+    return points
 
 
 def known_grid(known: NDArray[np.bool_], step: int) -> NDArray[np.float64]:
@@ -63,19 +67,31 @@ def shapes(
     start = (points + 0.5) * style.zoom - 0.5
     length = np.hypot(vectors[:, 0], vectors[:, 1]) * style.scale * style.zoom
     drawn = length >= _SHORTEST
-    start, vectors, length, still = start[drawn], vectors[drawn], length[drawn], start[~drawn]
-    along = vectors * (style.scale * style.zoom) / length[:, None]
-    cut = np.zeros(len(length), bool)
-    if style.max_length is not None:
-        limit = style.max_length * style.zoom
-        cut = length > limit
-        length = np.minimum(length, limit)
+    limit = None if style.max_length is None else style.max_length * style.zoom
+    return lines(start[drawn], vectors[drawn] * (style.scale * style.zoom), limit), start[~drawn]
+
+
+def lines(
+    start: NDArray[np.float64], along: NDArray[np.float64], longest: float | None = None
+) -> list[NDArray[np.float64]]:
+    """Arrows from points along vectors that are not zero, both on the screen, (n, 2), as open lines.
+
+    One that is longer than `longest` is cut there and has no head.
+    """
+    length = np.hypot(along[:, 0], along[:, 1])
+    along = along / length[:, None]
+    cut = length > (np.inf if longest is None else longest)
+    if longest is not None:
+        length = np.minimum(length, longest)
     tip = start + along * length[:, None]
-    head = np.clip(_HEAD_SHARE * length, *_HEAD_RANGE)[:, None]
+    head = np.minimum(np.maximum(_HEAD_SHARE * length, _HEAD_RANGE[0]), _HEAD_RANGE[1])[:, None]
     back = tip - along * head
     side = np.column_stack([-along[:, 1], along[:, 0]]) * head * _HEAD_HALF_WIDTH
     whole = np.stack([start, tip, back + side, tip, back - side], axis=1)
-    return [line[:2] if short else line for line, short in zip(whole, cut, strict=True)], still
+    out = list(whole)
+    for number in np.flatnonzero(cut):
+        out[number] = whole[number, :2]
+    return out
 
 
 def _key(style: QuiverStyle) -> tuple[float, str]:
@@ -85,22 +101,15 @@ def _key(style: QuiverStyle) -> tuple[float, str]:
     return value * per_unit, f"{value:g} {style.unit}"
 
 
+@functools.lru_cache(maxsize=16)
 def _key_layout(style: QuiverStyle, height: int) -> tuple[tuple[int, int, int, int], NDArray[np.float64], str]:
     """Box (left, top, right, bottom), arrow and label of the key in the lower left corner."""
     length, label = _key(style)
     text = drawing.text_size(label)
     inside = max(round(length), text[0])
     box = (_MARGIN, height - _MARGIN - text[1] - 26, _MARGIN + inside + 16, height - _MARGIN)
-    tail = np.array([[box[0] + 8.0, box[1] + 10.0]])
-    plain = _replace_zoom(style)
-    (arrow,), _ = shapes(tail, np.array([[length / plain.scale, 0.0]]), plain)
+    (arrow,) = lines(np.array([[box[0] + 8.0, box[1] + 10.0]]), np.array([[length, 0.0]]))
     return box, arrow, label
-
-
-def _replace_zoom(style: QuiverStyle) -> QuiverStyle:
-    import dataclasses
-
-    return dataclasses.replace(style, zoom=1, max_length=None)
 
 
 def raster(
@@ -114,17 +123,21 @@ def raster(
     out[rows[inside], columns[inside]] = style.color
     _stroke(out, lines, style)
     if style.key:
-        box, arrow, label = _key_layout(style, out.shape[0])
-        if box[1] >= 0 and box[2] <= out.shape[1]:
-            drawing.panel(out, *box)
-            _stroke(out, [arrow], style)
-            drawing.put_text(out, label, (box[0] + 8, box[3] - 8), rim=False)
+        draw_key(out, style)
     return out
 
 
+def draw_key(out: NDArray[np.uint8], style: QuiverStyle) -> None:
+    """Draw an arrow of a round length with its unit in place, where there is room for it."""
+    box, arrow, label = _key_layout(style, out.shape[0])
+    if box[1] >= 0 and box[2] <= out.shape[1]:
+        drawing.panel(out, *box)
+        _stroke(out, [arrow], style)
+        drawing.put_text(out, label, (box[0] + 8, box[3] - 8), rim=False)
+
+
 def _stroke(out: NDArray[np.uint8], lines: list[NDArray[np.float64]], style: QuiverStyle) -> None:
-    drawing.polylines(out, lines, _RIM, style.line_width + 2)
-    drawing.polylines(out, lines, style.color, style.line_width)
+    drawing.rimmed(out, lines, style.color, style.line_width)
 
 
 def svg(

@@ -24,6 +24,9 @@ PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 _SHIFT = 4
 _INK: Color = (255, 255, 255)
 _PANEL: Color = (24, 24, 24)
+# A rim takes this share of the light away.
+_RIM = 0.85
+_SQUARE = np.ones((3, 3), np.uint8)
 
 
 def distinct_color(number: int) -> Color:
@@ -50,9 +53,62 @@ def polylines(picture: NDArray[np.uint8], lines: Sequence[NDArray[np.float64]], 
 
     if not lines:
         return
+    cv2.polylines(picture, _fixed(lines), False, color, width, cv2.LINE_AA, _SHIFT)
+
+
+def _fixed(lines: Sequence[NDArray[np.float64]], origin: tuple[int, int] = (0, 0)) -> list[NDArray[np.int32]]:
+    """Points as OpenCV takes them, from an origin on; those far outside of any picture come nearer."""
     limit = 1 << 14
-    fixed = [np.rint(np.clip(line, -limit, limit) * (1 << _SHIFT)).astype(np.int32) for line in lines]
-    cv2.polylines(picture, fixed, False, color, width, cv2.LINE_AA, _SHIFT)
+    points = np.clip(np.concatenate(lines), -limit, limit) - origin
+    fixed = np.rint(points * (1 << _SHIFT)).astype(np.int32)
+    ends = np.cumsum([len(line) for line in lines]).tolist()
+    return [fixed[begin:end] for begin, end in zip([0, *ends], ends, strict=False)]
+
+
+def rimmed(
+    picture: NDArray[np.uint8],
+    lines: Sequence[NDArray[np.float64]],
+    color: Color | list[Color],
+    width: int = 1,
+    opacity: float = 1.0,
+) -> None:
+    """Draw open lines of (n, 2) points with a dark rim of a pixel, anti-aliased, in place; in one colour or one each.
+
+    All lines go into one plane of shares first: OpenCV takes five times as long to draw wide lines smoothly.
+    """
+    import cv2
+
+    if not lines:
+        return
+    height, wide = picture.shape[:2]
+    reach = width + 2
+    points = np.concatenate(lines)
+    left, top = (max(int(least) - reach, 0) for least in np.clip(points.min(axis=0), 0, (wide, height)))
+    right, bottom = np.clip(np.ceil(points.max(axis=0)) + reach + 1, 0, (wide, height)).astype(int)
+    if left >= right or top >= bottom:
+        return
+    part = picture[top:bottom, left:right]
+    ink = np.zeros(part.shape[:2], np.uint8)
+    fixed = _fixed(lines, (left, top))
+    cv2.polylines(ink, fixed, False, 255, 1, cv2.LINE_AA, _SHIFT)
+    if width > 1:
+        ink = cv2.dilate(ink, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width)))
+    rim = cv2.GaussianBlur(cv2.dilate(ink, _SQUARE), (3, 3), 0)
+    # What is left of the picture, and what the ink adds to it.
+    levels = np.arange(256)
+    kept = cv2.min(
+        cv2.LUT(ink, (255 - levels * opacity).astype(np.uint8)),
+        cv2.LUT(rim, (255 - levels * _RIM * opacity).astype(np.uint8)),
+    )
+    if isinstance(color, list):
+        added = np.zeros_like(part)
+        for line, own in zip(fixed, color, strict=True):
+            cv2.polylines(added, [line], False, own, width + 4, cv2.LINE_8, _SHIFT)
+        added = np.asarray(cv2.multiply(added, cv2.merge([ink] * 3), scale=opacity / 255), np.uint8)
+    else:
+        tables = [(levels * (opacity * level / 255)).astype(np.uint8) for level in color]
+        added = np.asarray(cv2.merge([cv2.LUT(ink, table) for table in tables]), np.uint8)
+    cv2.add(cv2.multiply(part, cv2.merge([kept] * 3), scale=1 / 255), added, part)
 
 
 def disc(picture: NDArray[np.uint8], centre: NDArray[np.floating], radius: int, color: Color) -> None:

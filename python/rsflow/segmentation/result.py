@@ -10,9 +10,8 @@ import numpy as np
 
 from .. import _checks, _display
 from .._results.status import WordStatus
-from ..errors import ShapeError
-from ..plotting import drawing
-from . import regions
+from ..plotting import arrows, drawing, labels
+from . import patches, regions
 from .object_table import OBJECT_COLUMNS
 
 if TYPE_CHECKING:
@@ -23,6 +22,13 @@ if TYPE_CHECKING:
     F32 = NDArray[np.float32]
     F64 = NDArray[np.float64]
     Mask = NDArray[np.bool_]
+
+
+# What stands still is shown at this share of its light, and the edge of what moves without steps of so many pixels.
+_DARKENED = 0.35
+_SOFT_PX = 2
+# An arrow of a thing shows its way in so many frames, if it is longer than this.
+_ARROW_FRAMES, _LEAST_ARROW_PX = 10.0, 3.0
 
 
 class SegmentationStatus(WordStatus):
@@ -161,14 +167,15 @@ class MotionSegmentation:
         return _display.columns([thing.to_dict() for thing in self.objects], OBJECT_COLUMNS[2:])
 
     def moving_view(self, picture: NDArray[Any] | None = None, *, boxes: bool = True) -> NDArray[np.uint8]:
-        """Draw what moves, in its own light, before the darkened rest.
+        """Draw what moves, in its own light and with smooth edges, before the darkened rest.
 
         Parameters
         ----------
         picture : ndarray, optional
             The frame in colour, to draw on instead of `image`.
         boxes : bool
-            Whether each object has its box, number, and a line of ten times its motion, at most thrice its box.
+            Whether each object has its box, its number where there is room, and an arrow of ten times its motion, at
+            most thrice its box.
 
         Returns
         -------
@@ -183,10 +190,11 @@ class MotionSegmentation:
         import cv2
 
         boxes = _checks.flag("boxes", boxes)
-        shown = self._canvas(picture)
-        grey = cv2.convertScaleAbs(cv2.cvtColor(shown, cv2.COLOR_BGR2GRAY), alpha=0.35)
-        out: NDArray[np.uint8] = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-        cv2.copyTo(shown, self.moving.view(np.uint8), out)
+        shown = patches.canvas(self.moving.shape, self.image, picture)
+        out: NDArray[np.uint8] = np.asarray(cv2.convertScaleAbs(shown, alpha=_DARKENED), np.uint8)
+        for part in patches.parts_around((thing.box for thing in self.objects), shown.shape, _SOFT_PX + 1):
+            at = patches.cut(part)
+            out[at] = patches.laid_over(out[at], shown[at], patches.softened(self.moving[at], _SOFT_PX))
         if boxes:
             self._draw_boxes(out)
         return out
@@ -209,34 +217,34 @@ class MotionSegmentation:
         ShapeError
             If the picture is not of the frame's size.
         """
-        out = self._canvas(picture)
+        out = patches.canvas(self.moving.shape, self.image, picture)
         # Only what is replaced is looked at: most of a picture stands still.
         near = regions.dilated(self.moving, 5)
         rows, columns = regions.pixels(near if self.mask is None else near & self.mask)
         behind = self.background[rows, columns]
         low, high = (0.0, 255.0) if self.image.dtype == np.uint8 else _display.display_range(self.image)
         filled = np.clip((np.nan_to_num(behind) - low) * (255.0 / max(high - low, 1e-6)), 0, 255)
-        hatching = np.where((rows + columns) % 8 < 2, 110, 70)
-        out[rows, columns] = np.where(np.isfinite(behind), filled, hatching).astype(np.uint8)[:, None]
-        return out
-
-    def _canvas(self, picture: NDArray[Any] | None) -> NDArray[np.uint8]:
-        out = _display.displayed(self.image if picture is None else picture)
-        if out.shape[:2] != self.moving.shape:
-            raise ShapeError(f"picture: got shape {out.shape[:2]}, expected that of the frame, {self.moving.shape}")
+        out[rows, columns] = np.where(np.isfinite(behind), filled, patches.hatching(rows, columns)).astype(np.uint8)[
+            :, None
+        ]
         return out
 
     def _draw_boxes(self, out: NDArray[np.uint8]) -> None:
         import cv2
 
-        for thing in self.objects:
-            color = drawing.distinct_color(thing.id)
+        colors = [drawing.distinct_color(thing.id) for thing in self.objects]
+        around, arrowed = [], []
+        for thing, color in zip(self.objects, colors, strict=True):
             x, y, width, height = thing.box
-            cv2.rectangle(out, (x - 2, y - 2), (x + width + 1, y + height + 1), color, 1)
+            around.append((x - 2, y - 2, x + width + 1, y + height + 1))
+            cv2.rectangle(out, around[-1][:2], around[-1][2:], color, 1)
             vx, vy = thing.vx_px_per_frame, thing.vy_px_per_frame
-            if np.isfinite(vx):
+            speed = math.hypot(vx, vy)
+            if _ARROW_FRAMES * speed > _LEAST_ARROW_PX:
                 # Not longer than thrice the thing: a speed that is wrong must not draw through the picture.
-                scale = min(10.0, 3 * math.hypot(width, height) / max(math.hypot(vx, vy), 1e-6))
-                tip = np.array([[thing.x, thing.y], [thing.x + scale * vx, thing.y + scale * vy]])
-                drawing.polylines(out, [tip], color, 1)
-            drawing.put_text(out, str(thing.id), (x - 2, max(y - 5, 12)), color=color)
+                scale = min(_ARROW_FRAMES, 3 * math.hypot(width, height) / speed)
+                arrowed.append((color, (thing.x, thing.y), (vx * scale, vy * scale)))
+        if arrowed:
+            inks, starts, ways = zip(*arrowed, strict=True)
+            drawing.rimmed(out, arrows.lines(np.array(starts), np.array(ways)), list(inks))
+        labels.draw_labels(out, around, [str(thing.id) for thing in self.objects], colors)
