@@ -203,6 +203,21 @@ def test_tops_of_boxes_move_as_their_height_says_and_are_not_moving(camera: str,
     assert (residual["ground"] < 0.3)[free].mean() > 0.8
 
 
+@pytest.mark.parametrize("camera", ["pan", "sideways"])
+def test_a_heading_is_where_the_camera_goes(camera: str) -> None:
+    scene = moving_things(0, frames=3, size=SIZE, camera=camera, camera_speed=2.0, camera_heading_deg=30.0)
+    np.testing.assert_allclose(scene.homographies[2, :2, 2], [-4 * np.cos(np.pi / 6), -4 * np.sin(np.pi / 6)])
+    other = moving_things(0, frames=3, size=SIZE, camera=camera, seed=1).homographies[2, :2, 2]
+    np.testing.assert_allclose(np.hypot(*other), 4.0)
+    assert not np.allclose(other, scene.homographies[2, :2, 2])
+
+
+def test_a_box_is_in_view_half_way_through() -> None:
+    options = {"frames": 31, "size": SIZE, "camera": "sideways", "camera_speed": 6.0, "sensor": CLEAN, "seed": 5}
+    bare, boxed = (moving_things(0, boxes=boxes, **options).images[15] for boxes in (0, 1))  # type: ignore[arg-type]
+    assert (np.abs(bare - boxed) > 1).sum() > 50
+
+
 def test_things_go_behind_boxes() -> None:
     thing = Thing(10.0, 42.0, dx=3.0, width=14.0, height=60.0, shape="rectangle")
     free = moving_things([thing], frames=30, size=SIZE, seed=9)

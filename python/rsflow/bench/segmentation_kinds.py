@@ -10,6 +10,7 @@ from ..synthetic import (
     Lighting,
     MovingThings,
     Sensor,
+    Thing,
     auto_exposure,
     gain,
     light_switch,
@@ -30,7 +31,8 @@ Light = Callable[[float], Lighting]
 class Kind:
     """A kind of scene: what `moving_things` is told, and of what depends on how long a clip is.
 
-    `light`: seconds of the clip to the light over time. `stops`: things stand still for the middle third.
+    `light`: seconds of the clip to the light over time. `stops`: things stand still for the middle third. `across`: one
+    walker, who goes across the camera's way: along it, motion cannot be told from depth.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Kind:
     light: Callable[[float], Light] | None = None
     stops: bool = False
     empty: bool = False
+    across: bool = False
 
     @property
     def still_camera(self) -> bool:
@@ -54,8 +57,9 @@ class Kind:
         told = dict(self.options)
         if self.light is not None:
             told["exposure_drift"] = self.light(frames / RATE_HZ)
+        things = told.pop("things", THINGS[clip % len(THINGS)])
         return moving_things(
-            0 if self.empty else told.pop("things", THINGS[clip % len(THINGS)]),
+            0 if self.empty else [_across(clip, frames, size)] if self.across else things,
             frames=frames,
             size=size,
             rate_hz=RATE_HZ,
@@ -63,6 +67,22 @@ class Kind:
             seed=clip,
             **told,
         )
+
+
+def _across(clip: int, frames: int, size: tuple[int, int]) -> Thing:
+    """Give a walker who comes down beside the picture's middle, two thirds of its height within the clip."""
+    width, height = size
+    return Thing(
+        x=0.7 * width,
+        y=0.15 * height,
+        dy=0.7 * height / frames,
+        dx=0.2 * height / frames,
+        width=0.1 * width,
+        height=0.2 * width,
+        shape="walker",
+        level=(190.0, 45.0)[clip % 2],
+        seed=1_000 + clip,
+    )
 
 
 def _switch(seconds: float) -> Light:
@@ -116,9 +136,16 @@ def kinds() -> tuple[Kind, ...]:
     depth = [
         Kind(
             f"{boxes} {'box' if boxes == 1 else 'boxes'} of {height:g}, {camera}",
-            {"camera": camera, "boxes": boxes, "box_height": height, "things": 1},
+            {
+                "camera": camera,
+                "camera_speed": speed,
+                "camera_heading_deg": 0.0,
+                "boxes": boxes,
+                "box_height": height,
+            },
+            across=True,
         )
-        for camera in ("sideways", "forward")
+        for camera, speed in (("sideways", 2.0), ("forward", 0.0025))
         for boxes, height in ((1, 0.15), (12, 0.35))
     ]
     return (*cameras, *speeds, *each, *depth)

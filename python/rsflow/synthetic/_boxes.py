@@ -35,14 +35,15 @@ class Box:
 
 
 def drawn_boxes(count: int, height: float, sight: Sight, size: tuple[int, int], rng: np.random.Generator) -> list[Box]:
-    """Draw boxes that do not overlap where there is room, over all the ground that the camera passes."""
-    low = np.minimum(sight.shifts.min(axis=0), 0.0) + 0.1 * np.array(size)
-    high = np.maximum(sight.shifts.max(axis=0), 0.0) + 0.9 * np.array(size)
+    """Draw boxes that do not overlap where there is room, each in view in a frame: the first half-way through."""
     out: list[Box] = []
-    for _ in range(count):
+    frames = len(sight.homographies)
+    for index in range(count):
         for _ in range(200):
             half = size[0] * rng.uniform(*(_HALF_OF_MANY if count >= _MANY else _HALF)) * rng.uniform(0.8, 1.0, 2)
-            middle = rng.uniform(low, high)
+            frame = int(rng.integers(frames)) if index else frames // 2
+            seen = rng.uniform(0.15, 0.85, 2) * np.array(size)
+            middle = mapped(np.linalg.inv(sight.homographies[frame]), seen)
             if all((np.abs(middle - box.middle) > half + box.half).any() for box in out):
                 break
         skin = Texture.make("fine", seed=int(rng.integers(1_000, 1_000_000)), period=_PERIOD)

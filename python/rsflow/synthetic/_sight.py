@@ -47,10 +47,13 @@ class Sight:
         return np.asarray(self.centre + self.shifts[frame])
 
 
-def sight(camera: str, speed: float, frames: int, size: tuple[int, int], rng: np.random.Generator) -> Sight:
+def sight(
+    camera: str, speed: float, heading_deg: float | None, frames: int, size: tuple[int, int], rng: np.random.Generator
+) -> Sight:
     """Make the way of a camera; the first frame's homography is the identity."""
     centre = (np.array(size, dtype=np.float64) - 1.0) / 2.0
-    heading = rng.uniform(0.0, 2.0 * np.pi)
+    drawn = rng.uniform(0.0, 2.0 * np.pi)
+    heading = drawn if heading_deg is None else np.deg2rad(heading_deg)
     along = np.array([np.cos(heading), np.sin(heading)])
     shifts, distances = np.zeros((frames, 2)), np.ones(frames)
     turns, zooms, moves = np.zeros(frames), np.ones(frames), np.zeros((frames, 2))

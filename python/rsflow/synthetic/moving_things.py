@@ -187,6 +187,7 @@ def moving_things(
     rate_hz: float = 30.0,
     camera: str = "static",
     camera_speed: float | None = None,
+    camera_heading_deg: float | None = None,
     speed_px: float | None = None,
     textured: bool | None = None,
     shape: str | None = None,
@@ -221,6 +222,9 @@ def moving_things(
         Of "pan" and "sideways", pixels per frame (by default 2); of "zoom" the share by which the picture grows per
         frame (0.01); of "turn" degrees per frame (0.5); of "hand_held" the deviation of its sway in pixels, with a
         tenth of that in degrees (3); of "forward" the share of the first distance that it travels per frame (0.005).
+    camera_heading_deg : float, optional
+        Where "pan" and "sideways" go over the ground, from x towards y: at 0 the ground moves to the left in the
+        picture. By default any direction.
     speed_px : float, optional
         Speed over the ground of the things that are drawn, in pixels per frame; by default 1 to 4. Of crossing things
         at most what leads from the picture's edge to its middle in half of the frames.
@@ -277,7 +281,7 @@ def moving_things(
     lighting = None if lighting is None else _checks.function("lighting", lighting, 1)
     drift = None if exposure_drift is None else _checks.function("exposure_drift", exposure_drift, 1)
     rng = np.random.default_rng([seed, 179_424_673])
-    sight = _camera(camera, camera_speed, frames, size, rng)
+    sight = _camera(camera, camera_speed, camera_heading_deg, frames, size, rng)
     wishes = Wishes(
         speed_px=_checks.number_or_none("speed_px", speed_px, least=0, most=1e5, of="pixels per frame"),
         textured=None if textured is None else _checks.flag("textured", textured),
@@ -321,10 +325,18 @@ def moving_things(
     )
 
 
-def _camera(camera: str, speed: float | None, frames: int, size: tuple[int, int], rng: np.random.Generator) -> Sight:
+def _camera(
+    camera: str,
+    speed: float | None,
+    heading_deg: float | None,
+    frames: int,
+    size: tuple[int, int],
+    rng: np.random.Generator,
+) -> Sight:
     _checks.choice("camera", camera, _sight.SPEEDS)
     given = _checks.number_or_none("camera_speed", speed, least=-1e4, most=1e4)
-    return _sight.sight(camera, _sight.SPEEDS[camera] if given is None else given, frames, size, rng)
+    heading_deg = _checks.number_or_none("camera_heading_deg", heading_deg, least=-1e6, most=1e6, of="degrees")
+    return _sight.sight(camera, _sight.SPEEDS[camera] if given is None else given, heading_deg, frames, size, rng)
 
 
 def _things(
