@@ -15,6 +15,8 @@ mod camera_rows;
 mod camera_samples;
 pub(crate) mod components;
 mod epipole;
+pub(crate) mod light;
+pub(crate) mod local_correlation;
 pub(crate) mod morphology;
 pub(crate) mod parallax;
 pub(crate) mod reduction;
