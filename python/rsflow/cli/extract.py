@@ -118,7 +118,8 @@ def show(extraction: Extraction, *, as_json: bool, quiet: bool) -> None:
         print(json.dumps(extraction.summary, indent=2))
     elif not quiet:
         summary = extraction.summary
-        print(summary["text"])
+        for line in summary.get("answers", (summary["text"],)):
+            print(line)
         for line in summary["notes"]:
             print(f"note: {line}")
         print(f"look at {extraction.files['report']}" if "report" in extraction.files else f"see {extraction.folder}")

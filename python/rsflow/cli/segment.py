@@ -70,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
     from rsflow.capture import frames
     from rsflow.capture.masks import expect_size
     from rsflow.capture.too_few import expect_range, too_few
+    from rsflow.extraction.things import Seen
     from rsflow.plotting.drawing import save_picture
     from rsflow.segmentation import MotionSegmenter
     from rsflow.segmentation.object_table import ObjectTable
@@ -84,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
         min_area=args.min_area,
         mask=mask,
     )
-    count, seen = 0, set()
+    count, seen = 0, Seen()
     with contextlib.ExitStack() as stack:
         source = stack.enter_context(
             frames(args.source, color=True, start=args.start, stop=args.stop, stride=args.stride, frame_rate=args.rate)
@@ -120,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
                     files.append(out / "masks" / f"{frame.index:06d}.png")
                     save_picture(files[-1], result.moving.astype(np.uint8) * 255)
                 count += 1
-                seen |= {thing.id for thing in result.objects}
+                seen.add(frame, result)
                 if args.json:
                     print(json.dumps(_line(frame, result)))
             static.finish()
@@ -136,10 +137,8 @@ def run(args: argparse.Namespace) -> int:
         folder.record()
         folder.finish(files)
     if not args.json:
-        print(
-            f"{count} frames, {len(seen)} things that moved: {out / 'moving.mp4'}, {out / 'static.mp4'}, "
-            f"{out / 'objects.csv'}"
-        )
+        print(seen.text())
+        print(f"{count} frames: {out / 'moving.mp4'}, {out / 'static.mp4'}, {out / 'objects.csv'}")
     return 0
 
 

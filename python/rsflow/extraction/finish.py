@@ -19,10 +19,11 @@ from ..velocity.result import not_stated
 from .file_names import NAMES, partial_name
 from .outputs import remove_partial
 from .probe import STILL_PX
-from .report import LASTING_FRAMES, build
+from .report import build
 from .report_page import page
 from .result import Extraction
-from .summary import as_json, key_figures, text
+from .summary import answers, as_json, camera_figures, key_figures
+from .things import thing_figures
 
 if TYPE_CHECKING:
     from .outputs import Outputs
@@ -98,7 +99,11 @@ def _summary(
         figures["speed_variance_shares"] = {} if pipeline.ground is None else pipeline.ground.shares.shares()
     if outputs.trajectory is not None:
         figures |= outputs.trajectory.figures()
-    _, seen = np.unique(series["objects"]["id"], return_counts=True)
+    figures |= camera_figures(series["motion"], pipeline.decision.motion) | thing_figures(
+        series["objects"], series["motion"]
+    )
+    figures["camera_motion_reason"] = pipeline.decision.reason
+    said = answers(figures)
     problems = []
     if not complete:
         problems.append(f"The run ended early: {ending.reason or trouble}. What is here was finished until then.")
@@ -121,16 +126,14 @@ def _summary(
         "frame_rate": stream.frame_rate,
         "timestamps": stream.timestamps,
         "camera_motion": pipeline.decision.motion,
-        "camera_motion_reason": pipeline.decision.reason,
         **figures,
-        "objects": len(seen),
-        "lasting_objects": int((seen >= LASTING_FRAMES).sum()),
         "seconds": ending.seconds,
         "frames_per_second": figures["frames"] / max(ending.seconds, 1e-9),
         "threads": get_num_threads(),
         "video_codec": None if outputs.views is None else outputs.views.codec,
         "settings": outputs.settings.as_text(),
-        "text": f"{text(figures)} The camera was {pipeline.decision.reason}.",
+        "answers": said,
+        "text": " ".join(said),
         "problems": problems,
         "notes": [*stream.notes, *pipeline.notes, *_notes(outputs, pipeline)],
     }

@@ -14,15 +14,14 @@ from .report_page import Figure, Plot, Report, Table
 from .series import Series, runs
 from .summary import way_of
 from .svg import Curve, path_plot, time_plot
+from .thing_report import thing_plots, thing_table
+from .things import LASTING_FRAMES, value_text
 from .velocity_plot import abscissa, axes_text, velocity_plot
 
 if TYPE_CHECKING:
     from .outputs import Outputs
 
-__all__ = ["LASTING_FRAMES", "build"]
-
-# What is seen for less is mostly noise, or a fragment of something else.
-LASTING_FRAMES = 10
+__all__ = ["build"]
 
 _FILES = {
     "motion": "a row a frame: displacement, flow, light, shares, status",
@@ -32,7 +31,7 @@ _FILES = {
     "flow": "arrows over the picture, at one scale for the whole clip",
     "moving": "what moves on its own",
     "static": "what stands still, without what moves",
-    "background": "the static scene at the end",
+    "background": "the scene without what moves, the best of all frames",
     "summary": "the key figures of this page, for programs",
 }
 
@@ -44,35 +43,61 @@ def build(outputs: Outputs, summary: Mapping[str, Any], files: Mapping[str, Path
         title=Path(str(summary["source"])).name or str(summary["source"]),
         subtitle=f"motion extracted by rsflow {summary['version']} on {summary['date']}; {width} x {height} pixels",
         complete=summary["complete"],
-        summary=summary["text"],
+        summary=summary["answers"],
         tiles=_tiles(summary),
         problems=summary["problems"],
         notes=summary["notes"],
         figures=_figures(outputs, files, summary),
-        plots=_plots(outputs),
+        plots=[*thing_plots(outputs, summary), *_plots(outputs, still=summary["camera_still"])],
         tables=_tables(outputs, summary, files),
         settings=_settings(summary),
     )
 
 
 def _tiles(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Answer first how many, how fast and where; then what that rests on."""
+    tiles = [*_thing_tiles(summary), *_camera_tiles(summary)]
     pairs = max(summary["frames"] - 1, 0)
-    tiles = [("frames", str(summary["frames"])), ("pairs with a displacement", f"{summary['measured']} of {pairs}")]
+    frames = f"{summary['frames']}"
     if summary["duration_s"] is not None:
-        tiles.append(("duration", f"{summary['duration_s']:.2f} s"))
-    if summary["displacement_median_px"] is not None:
-        tiles.append(("displacement a frame, median", f"{summary['displacement_median_px']:.3g} px"))
-    if summary["flow_median_px"] is not None:
-        tiles.append(("dense flow, median", f"{summary['flow_median_px']:.3g} px"))
-    if summary["flow_valid_share"] is not None:
-        tiles.append(("of the flow is valid", f"{100 * summary['flow_valid_share']:.1f} %"))
+        frames += f" in {summary['duration_s']:.2f} s"
+    tiles.append(("frames", frames))
+    tiles.append(("pairs with a displacement", f"{summary['measured']} of {pairs}"))
     if summary["moving_share"] is not None:
         tiles.append(("of the picture moves on its own", f"{100 * summary['moving_share']:.1f} %"))
-    tiles.append((f"moving things seen for {LASTING_FRAMES} frames or more", str(summary["lasting_objects"])))
-    if summary.get("speed_median_m_s") is not None:
-        tiles.append(("speed over ground, median", f"{summary['speed_median_m_s']:.4g} m/s"))
-        tiles.extend(_way_tiles(summary))
+    if summary["flow_valid_share"] is not None:
+        tiles.append(("of the dense flow is valid", f"{100 * summary['flow_valid_share']:.1f} %"))
     tiles.append(("processed at", f"{summary['frames_per_second']:.1f} frames/s"))
+    return tiles
+
+
+def _thing_tiles(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    count = summary["lasting_objects"]
+    tiles = [(f"moved on their own, for {LASTING_FRAMES} frames or more", f"{count} thing{'' if count == 1 else 's'}")]
+    if not count:
+        return tiles
+    if summary["at_once_median"] is not None:
+        tiles.append((f"at once, median; at most {summary['at_once_max']}", f"{summary['at_once_median']:.0f}"))
+    if summary["thing_speed_median"] is not None:
+        unit = summary["thing_speed_unit"]
+        median = value_text(summary["thing_speed_median"], summary["thing_speed_std_median"], unit)
+        tiles.append(("speed of things, median", median))
+        fastest = value_text(summary["fastest_thing_speed"], summary["fastest_thing_speed_std"], unit)
+        tiles.append((f"the fastest, number {summary['fastest_thing']}", fastest))
+    return tiles
+
+
+def _camera_tiles(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    tiles = []
+    if summary["camera_still"]:
+        tiles.append(("the camera", "stood still"))
+    elif summary["picture_speed_median"] is not None:
+        speed, std, unit = (summary[f"picture_speed_{name}"] for name in ("median", "std_median", "unit"))
+        tiles.append(("the picture as a whole went, median", value_text(speed, std, unit)))
+    if summary.get("speed_median_m_s") is not None:
+        speed = value_text(summary["speed_median_m_s"], summary["speed_std_median_m_s"], "m/s")
+        tiles.append(("speed over ground, median", speed))
+        tiles.extend(_way_tiles(summary))
     return tiles
 
 
@@ -96,9 +121,15 @@ def _figures(outputs: Outputs, files: Mapping[str, Path], summary: Mapping[str, 
     at = f"frame {views.poster_frame}"
     arrow = f"One pixel of motion is drawn {views.style.scale:g} px long in the whole clip."
     captions = {
-        "flow": ("Motion", f"Arrows from the dense flow, where it is valid; shown is {at}. {arrow}"),
+        "flow": (
+            "Motion",
+            f"Arrows where motion is beyond its uncertainty, and one for each thing; shown is {at}. {arrow}",
+        ),
         "moving": ("Moving", f"What moves on its own; shown is {at}, where most moves."),
-        "static": ("Static", f"The scene without what moves; shown is {at}."),
+        "static": (
+            "Static",
+            f"The scene; in the place of what moves is what was seen before or after it. Shown is {at}.",
+        ),
     }
     playable = views.codec in {None, "h264", "vp9"}
     return [
@@ -107,44 +138,60 @@ def _figures(outputs: Outputs, files: Mapping[str, Path], summary: Mapping[str, 
     ]
 
 
-def _plots(outputs: Outputs) -> list[Plot]:
+def _plots(outputs: Outputs, *, still: bool) -> list[Plot]:
     motion = outputs.series["motion"]
     if len(motion) < 2:
         return []
     x, x_label = abscissa(motion)
-    dx, dy = motion["dx_px"], motion["dy_px"]
-    valid = np.isfinite(dx)
+    valid = np.isfinite(motion["dx_px"])
     valid[0] = True
-    ways = _ways(motion)
-    plots = [
+    plots = _velocity_plots(outputs)
+    plots.append(
         Plot(
             "Displacement of the picture from frame to frame",
             time_plot(
                 x,
-                [Curve("dx, to the right", dx, motion["dx_std_px"]), Curve("dy, down", dy, motion["dy_std_px"])],
+                [
+                    Curve("dx, to the right", motion["dx_px"], motion["dx_std_px"]),
+                    Curve("dy, down", motion["dy_px"], motion["dy_std_px"]),
+                ],
                 title="displacement over time",
                 y_label="px per frame",
                 x_label=x_label,
                 valid=valid,
                 y_least=0.2,
             ),
-            "One vector for the whole picture, robust against what moves on its own. Bands are one standard deviation.",
-        ),
-        Plot(
-            "Where the picture has gone",
-            time_plot(
-                x,
-                [Curve("x, to the right", *ways[0]), Curve("y, down", *ways[1])],
-                title="summed displacement over time",
-                y_label="px since the start",
-                x_label=x_label,
-                valid=valid,
-                y_least=1.0,
-            ),
-            "Sum of the displacements. Where none was measured it goes on with the camera's motion from the dense "
-            "flow, else as beside, which is an assumption that its band allows for; it ends where neither is known. "
-            "Bands are one standard deviation of the sum.",
-        ),
+            "One vector for the whole picture, robust against what moves on its own. Bands are one standard deviation."
+            + (" The camera stood still: what is left are errors." if still else ""),
+        )
+    )
+    if not still:
+        ways = _ways(motion)
+        plots.append(
+            Plot(
+                "Where the picture has gone",
+                time_plot(
+                    x,
+                    [Curve("x, to the right", *ways[0]), Curve("y, down", *ways[1])],
+                    title="summed displacement over time",
+                    y_label="px since the start",
+                    x_label=x_label,
+                    valid=valid,
+                    y_least=1.0,
+                ),
+                "Sum of the displacements. Where none was measured it goes on with the camera's motion from the dense "
+                "flow, else as beside, which is an assumption that its band allows for; it ends where neither is known."
+                " Bands are one standard deviation of the sum.",
+            )
+        )
+    plots += _flow_plots(motion, x, x_label)
+    if np.isfinite(motion["gain"]).any():
+        plots.append(_light(motion, x, x_label, valid))
+    return plots
+
+
+def _flow_plots(motion: Series, x: np.ndarray, x_label: str) -> list[Plot]:
+    return [
         Plot(
             "Dense flow",
             time_plot(
@@ -173,9 +220,6 @@ def _plots(outputs: Outputs) -> list[Plot]:
             ),
         ),
     ]
-    if np.isfinite(motion["gain"]).any():
-        plots.append(_light(motion, x, x_label, valid))
-    return plots + _velocity_plots(outputs)
 
 
 def _ways(motion: Series) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -223,7 +267,7 @@ def _velocity_plots(outputs: Outputs) -> list[Plot]:
 
 
 def _tables(outputs: Outputs, summary: Mapping[str, Any], files: Mapping[str, Path]) -> list[Table]:
-    tables = [_validity(outputs), *_budget(summary), *_objects(outputs)]
+    tables = [*thing_table(outputs), _validity(outputs), *_budget(summary)]
     rows = [(path.name, _size(path), _FILES.get(name, "")) for name, path in files.items()]
     tables.append(Table("Files", ("file", "size", "what it holds"), rows, numbers=frozenset({1})))
     meaning = [
@@ -282,27 +326,6 @@ def _budget(summary: Mapping[str, Any]) -> list[Table]:
             frozenset({1}),
         )
     ]
-
-
-def _objects(outputs: Outputs) -> list[Table]:
-    """List the moving things that were seen longest."""
-    data = outputs.series["objects"]
-    if not len(data):
-        return []
-    ids = data["id"]
-    rows = []
-    for number in np.unique(ids):
-        at = ids == number
-        frames = data["frame"][at]
-        rows.append(
-            (int(at.sum()), int(number), int(frames.min()), int(frames.max()), float(data["area_px"][at].mean()))
-        )
-    rows.sort(key=lambda row: (-row[0], row[1]))
-    shown = [
-        (str(number), str(count), f"{first} to {last}", f"{area:.0f}") for count, number, first, last, area in rows[:20]
-    ]
-    caption = f"{len(rows)} in all" + ("; the 20 that were seen longest:" if len(rows) > 20 else ":")
-    return [Table("Moving things", ("id", "frames", "seen", "mean area in px"), shown, caption, frozenset({0, 1, 3}))]
 
 
 def _size(path: Path) -> str:

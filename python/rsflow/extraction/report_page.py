@@ -80,7 +80,7 @@ class Report:
     title: str
     subtitle: str
     complete: bool
-    summary: str
+    summary: Sequence[str]
     tiles: Sequence[tuple[str, str]] = ()
     problems: Sequence[str] = ()
     notes: Sequence[str] = ()
@@ -162,7 +162,7 @@ def page(report: Report) -> str:
         f"<title>{escape(report.title)}: motion</title><style>{_STYLE}</style></head><body>",
         f'<h1>{escape(report.title)}</h1><p class="sub">{escape(report.subtitle)} {state}</p>',
         _list(report.problems, "notes bad"),
-        f"<p>{escape(report.summary)}</p>",
+        "".join(f"<p>{escape(line)}</p>" for line in report.summary),
         f"<div class=tiles>{tiles}</div>" if tiles else "",
         _list(report.notes, "notes"),
         f"<h2>Views</h2><div class=views>{''.join(map(_figure, report.figures))}</div>" if report.figures else "",

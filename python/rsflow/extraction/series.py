@@ -39,6 +39,9 @@ class Series:
     def __len__(self) -> int:
         return max((len(column) for column in self._numbers.values()), default=0)
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._numbers
+
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         return np.array(self._numbers[name], np.float64)
 

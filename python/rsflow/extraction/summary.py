@@ -9,9 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .gaps import MEASURED, NEIGHBOURS, SECOND, Filled, fill
+from .probe import STILL_PX
 from .series import Series
+from .things import thing_text, value_text
 
-__all__ = ["as_json", "duration_s", "key_figures", "text", "way_of", "way_text"]
+__all__ = ["answers", "as_json", "camera_figures", "duration_s", "key_figures", "way_of", "way_text"]
+
+# A camera that stood still moved more than twice what one at rest does in no more than this share of the pairs.
+_RARELY = 0.05
 
 
 def as_json(value: Any) -> Any:
@@ -164,26 +169,66 @@ def _signed(value: float) -> str:
     return f"{round(value, 2) + 0.0:+.2f}"
 
 
-def text(figures: dict[str, Any]) -> str:
-    """Say the key figures in a sentence or two."""
+def camera_figures(motion: Series, decided: str) -> dict[str, Any]:
+    """Say whether the camera stood still, and how fast the picture went as a whole otherwise.
+
+    Parameters
+    ----------
+    motion : Series
+    decided : str
+        ``"static"`` or ``"moving"``, from the first frames.
+
+    Returns
+    -------
+    dict
+        ``camera_still``; ``picture_speed_unit``, ``picture_speed_median`` and ``picture_speed_std_median``.
+    """
+    length, dt = np.hypot(motion["dx_px"], motion["dy_px"]), motion["dt_s"]
+    std = np.hypot(motion["dx_std_px"], motion["dy_std_px"]) / math.sqrt(2.0)
+    known = np.isfinite(length)
+    moved = float((length[known] > 2 * STILL_PX).mean()) if known.any() else 1.0
+    timed = bool(np.isfinite(dt[known]).all() and (dt[known] > 0).all()) if known.any() else False
+    scale = 1.0 / dt if timed else np.ones(len(length))
+    return {
+        "camera_still": moved <= _RARELY
+        and (decided == "static" or float(np.quantile(length[known], 0.75)) < STILL_PX),
+        "picture_speed_unit": "px/s" if timed else "px/frame",
+        "picture_speed_median": _median(length * scale),
+        "picture_speed_std_median": _median(std * scale),
+    }
+
+
+def answers(figures: dict[str, Any]) -> list[str]:
+    """Say the key figures in a few sentences: what moved and how fast, the camera, what that rests on."""
     pairs = max(figures["frames"] - 1, 0)
-    parts = [f"{figures['frames']} frame{'' if figures['frames'] == 1 else 's'}"]
+    measured = [f"{figures['frames']} frame{'' if figures['frames'] == 1 else 's'}"]
     if math.isfinite(figures["duration_s"]):
-        parts[0] += f" over {figures['duration_s']:.2f} s"
-    parts.append(f"the displacement was measured in {figures['measured']} of {pairs} pairs")
-    if pairs:
-        parts.append(_sum_text(figures))
+        measured[0] += f" over {figures['duration_s']:.2f} s"
+    measured.append(f"the displacement was measured in {figures['measured']} of {pairs} pairs")
     if math.isfinite(figures["moving_share"]):
-        parts.append(f"{100 * figures['moving_share']:.1f} % of the picture moves on its own on average")
-    lines = "; ".join(parts) + "."
+        measured.append(f"{100 * figures['moving_share']:.1f} % of the picture moves on its own on average")
+    said = [thing_text(figures)] if pairs else []
+    if pairs:
+        said.append(_camera_text(figures))
     if figures.get("velocity_measured"):
         unstated = figures.get("speed_std_without")
         without = f" without that of {', '.join(unstated)}, which was not stated" if unstated else ""
-        lines += (
-            f" The camera went at {figures['speed_median_m_s']:.4g} m/s (median, standard deviation of one frame "
+        said.append(
+            f"The camera went at {figures['speed_median_m_s']:.4g} m/s (median, standard deviation of one frame "
             f"{figures['speed_std_median_m_s']:.2g} m/s{without}), {way_text(figures)}."
         )
-    return lines
+    return [*said, "; ".join(measured) + "."]
+
+
+def _camera_text(figures: dict[str, Any]) -> str:
+    """Say that the camera stood still, or how the picture went."""
+    reason = figures["camera_motion_reason"]
+    if figures["camera_still"]:
+        # Of a camera at rest a sum of displacements is a sum of errors.
+        return f"The camera stood still ({reason})."
+    speed, std, unit = (figures[f"picture_speed_{name}"] for name in ("median", "std_median", "unit"))
+    went = f"from frame to frame the picture went at {value_text(speed, std, unit)} (median); " if speed > 0 else ""
+    return f"The camera was {reason}; {went}{_sum_text(figures)}."
 
 
 def way_text(figures: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ from html import escape
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["COLOURS", "Curve", "path_plot", "thinned", "ticks", "time_plot"]
+__all__ = ["COLOURS", "Curve", "map_plot", "path_plot", "thinned", "ticks", "time_plot"]
 
 # Okabe and Ito (2008): told apart with every kind of colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
@@ -259,6 +259,92 @@ def _key(curves: Sequence[Curve], *, has_shading: bool) -> list[str]:
         x += 40 + 6.6 * len(name)
     parts.append("</g>")
     return parts
+
+
+def map_plot(
+    ways: Sequence[tuple[str, str, NDArray[np.float64], NDArray[np.float64]]],
+    size: tuple[int, int],
+    *,
+    title: str,
+    picture: str | None = None,
+) -> str:
+    """Draw ways over a picture: from a ring to an arrow's tip, with the name beside it.
+
+    Parameters
+    ----------
+    ways : sequence of (name, colour, x, y)
+        In pixels of the picture, y down; NaN is a gap.
+    size : (width, height)
+        Of the picture.
+    title : str
+        As for `time_plot`.
+    picture : str, optional
+        Its data URL; without one the ground is grey.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element.
+    """
+    width, height = size
+    # Widths and letters are a share of the picture, as that is shown in the page's width.
+    unit = max(width, height) / 860
+    parts = ["" if picture is None else f'<image width="{width}" height="{height}" href="{picture}"/>']
+    parts.append(f'<g fill="none" stroke-linejoin="round" stroke-linecap="round" stroke-width="{2.2 * unit:.2f}">')
+    names = []
+    for name, colour, x, y in ways:
+        runs = _pieces(x, y)
+        if not runs:
+            continue
+        lines = []
+        for run in runs:
+            thin_x, thin_y = _simplified(x[run], y[run], 0.7 * unit)
+            lines.append("M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(thin_x, thin_y, strict=True)))
+        lines.append(_tip(x[runs[-1]], y[runs[-1]], 9 * unit))
+        path = "".join(lines)
+        first, last = runs[0][0], runs[-1][-1]
+        parts.append(
+            f'<g><title>{escape(name)}</title><path d="{path}" stroke="#000" stroke-opacity="0.55" '
+            f'stroke-width="{4.4 * unit:.2f}"/><path d="{path}" stroke="{colour}"/>'
+            f'<circle cx="{x[first]:.1f}" cy="{y[first]:.1f}" r="{3.5 * unit:.1f}" fill="#fff" stroke="{colour}"/></g>'
+        )
+        at_x, at_y = min(max(x[last], 8 * unit), width - 24 * unit), min(max(y[last], 14 * unit), height - 4 * unit)
+        names.append(f'<text x="{at_x + 5 * unit:.1f}" y="{at_y - 5 * unit:.1f}" fill="{colour}">{escape(name)}</text>')
+    parts.append("</g>")
+    parts.append(
+        f'<g font-family="sans-serif" font-weight="600" font-size="{13 * unit:.1f}" stroke="#000" '
+        f'stroke-width="{2.5 * unit:.2f}" stroke-linejoin="round" paint-order="stroke">{"".join(names)}</g>'
+    )
+    body = "".join(parts)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" role="img" '
+        f'aria-label="{escape(title, quote=True)}"><title>{escape(title)}</title>'
+        f'<rect width="{width}" height="{height}" fill="#888"/>{body}</svg>'
+    )
+
+
+def _simplified(
+    x: NDArray[np.float64], y: NDArray[np.float64], least: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Leave out points of a way that are nearer than `least` to the one before that stays; both ends stay."""
+    keep, last = [0], (x[0], y[0])
+    for number in range(1, len(x)):
+        if math.hypot(x[number] - last[0], y[number] - last[1]) >= least or number == len(x) - 1:
+            keep.append(number)
+            last = (x[number], y[number])
+    return x[keep], y[keep]
+
+
+def _tip(x: NDArray[np.float64], y: NDArray[np.float64], length: float) -> str:
+    """Head of an arrow at the end of a way, along its last part that is as long as the head."""
+    back = np.flatnonzero(np.hypot(x - x[-1], y - y[-1]) >= length)
+    if len(back) == 0:
+        return ""
+    dx, dy = x[-1] - x[back[-1]], y[-1] - y[back[-1]]
+    dx, dy = dx * length / math.hypot(dx, dy), dy * length / math.hypot(dx, dy)
+    sides = [(x[-1] - dx + sign * 0.5 * dy, y[-1] - dy - sign * 0.5 * dx) for sign in (1, -1)]
+    (ax, ay), (bx, by) = sides
+    return f"M{ax:.1f} {ay:.1f}L{x[-1]:.1f} {y[-1]:.1f}L{bx:.1f} {by:.1f}"
 
 
 def path_plot(x: ArrayLike, y: ArrayLike, *, title: str, x_label: str, y_label: str, y_down: bool = True) -> str:

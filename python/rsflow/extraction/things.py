@@ -1,0 +1,201 @@
+"""The things that moved, over the whole film: how many, how fast, along which ways."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..segmentation.object_table import OBJECT_COLUMNS
+from .rows import object_rows
+from .series import Series
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ..capture.stream import Frame
+    from ..segmentation.result import MotionSegmentation
+
+    F64 = NDArray[np.float64]
+
+__all__ = ["LASTING_FRAMES", "Seen", "Thing", "heading", "lasting", "thing_figures", "thing_text", "value_text"]
+
+# What is seen for less is mostly noise, or a fragment of something else.
+LASTING_FRAMES = 10
+
+# Units of a speed, the best known first: its column and that of its deviation.
+_SPEEDS = (("m/s", "speed_m_s", "speed_std_m_s"), ("px/s", "speed_px_s", "speed_std_px_s"))
+# Names of eight directions, from the right clockwise as the picture shows them.
+_HEADINGS = ("right", "down right", "down", "down left", "left", "up left", "up", "up right")
+# A thing that ends up less than its own size from where it began goes nowhere.
+_LEAST_WAY_SIZES = 1.0
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One thing over the film.
+
+    Attributes
+    ----------
+    id : int
+    frames : int
+        In how many it was seen.
+    first, last : int
+        The first and the last frame.
+    x, y : arrays
+        Its centre in each of its frames, in pixels.
+    speed, speed_std : float
+        Median speed, and the median deviation that one frame's has; NaN where they are not known.
+    area : float
+        Mean, in pixels.
+    """
+
+    id: int
+    frames: int
+    first: int
+    last: int
+    x: F64
+    y: F64
+    speed: float
+    speed_std: float
+    area: float
+
+    @property
+    def way(self) -> tuple[float, float]:
+        """From where it was seen first to where it was seen last, in pixels."""
+        return float(self.x[-1] - self.x[0]), float(self.y[-1] - self.y[0])
+
+
+def _median(values: F64) -> float:
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else math.nan
+
+
+def speeds(objects: Series) -> tuple[str, F64, F64]:
+    """Give the unit, the speed and its deviation of each row: in metres where these are known, else in pixels."""
+    for unit, name, std_name in _SPEEDS:
+        if name in objects and np.isfinite(objects[name]).any():
+            return unit, objects[name], objects[std_name]
+    speed = np.hypot(objects["vx_px_per_frame"], objects["vy_px_per_frame"])
+    return "px/frame", np.asarray(speed), np.full(len(speed), math.nan)
+
+
+def lasting(objects: Series, *, least: int = LASTING_FRAMES, ground: bool = False) -> tuple[str, list[Thing]]:
+    """Give the unit of the speeds and the things that were seen for at least so many frames, the longest first.
+
+    With `ground` their places are in the picture of the first frame, where that is known.
+    """
+    unit, speed, std = speeds(objects)
+    ids, frames = objects["id"], objects["frame"]
+    names = ("x_ground_px", "y_ground_px") if ground and "x_ground_px" in objects else ("x_px", "y_px")
+    x, y = (objects[name] for name in names)
+    area = objects["area_px"]
+    order = np.argsort(ids, kind="stable")
+    ends = np.flatnonzero(np.diff(ids[order])) + 1
+    found = []
+    for at in np.split(order, ends) if len(order) else []:
+        # Where a thing is hidden it has a place that is believed, and no pixels.
+        shown = at[area[at] > 0]
+        if len(shown) >= least:
+            number, first, last = int(ids[at[0]]), int(frames[shown[0]]), int(frames[shown[-1]])
+            typical = (_median(speed[shown]), _median(std[shown]), float(area[shown].mean()))
+            found.append(Thing(number, len(shown), first, last, x[shown], y[shown], *typical))
+    return unit, sorted(found, key=lambda thing: (-thing.frames, thing.id))
+
+
+def thing_figures(objects: Series, motion: Series) -> dict[str, Any]:
+    """Sum up the things that lasted.
+
+    Returns
+    -------
+    dict
+        ``objects`` (numbers given in all), ``lasting_objects``, ``at_once_median`` and ``at_once_max`` over the frames,
+        ``thing_speed_unit``, ``thing_speed_median`` with its deviation and quantiles, and the fastest thing.
+    """
+    unit, found = lasting(objects)
+    counted = motion["objects"][motion["objects"] >= 0]
+    speed = np.array([thing.speed for thing in found])
+    known = np.isfinite(speed)
+    figures: dict[str, Any] = {
+        "objects": len(np.unique(objects["id"])),
+        "lasting_objects": len(found),
+        "at_once_median": _median(counted),
+        "at_once_max": int(counted.max()) if len(counted) else 0,
+        "thing_speed_unit": unit,
+        "thing_speed_median": _median(speed),
+        "thing_speed_std_median": _median(np.array([thing.speed_std for thing in found])),
+        "thing_speed_p10": float(np.quantile(speed[known], 0.1)) if known.any() else math.nan,
+        "thing_speed_p90": float(np.quantile(speed[known], 0.9)) if known.any() else math.nan,
+    }
+    fastest = found[int(np.nanargmax(speed))] if known.any() else None
+    return figures | {
+        "fastest_thing": None if fastest is None else fastest.id,
+        "fastest_thing_speed": math.nan if fastest is None else fastest.speed,
+        "fastest_thing_speed_std": math.nan if fastest is None else fastest.speed_std,
+    }
+
+
+class Seen:
+    """Gather the things of frame after frame, to say at the end how many and how fast they were."""
+
+    def __init__(self) -> None:
+        names = tuple(dict.fromkeys(("frame", *OBJECT_COLUMNS)))
+        self._objects, self._motion = Series(names), Series(("frame", "objects"))
+
+    def add(self, frame: Frame, result: MotionSegmentation) -> None:
+        """Take what moved in a frame."""
+        for row in object_rows(frame, result):
+            self._objects.append(row)
+        self._motion.append({"frame": frame.index, "objects": len(result.objects)})
+
+    def text(self) -> str:
+        """Say how many things moved, and how fast."""
+        return thing_text(thing_figures(self._objects, self._motion))
+
+
+def value_text(value: float | None, std: float | None, unit: str) -> str:
+    """Write a value with its deviation, as many places as that allows: ``31 ± 3 px/s``."""
+    if value is None or not math.isfinite(value):
+        return "not known"
+    if std is None or not math.isfinite(std) or std <= 0:
+        return f"{value:.3g} {unit}"
+    digits = max(0, -math.floor(math.log10(std * 1.05)))
+    if std >= 10:
+        # Whole tens and hundreds of a deviation would be zeros that nothing tells.
+        return f"{value:.0f} ± {std:.0f} {unit}"
+    return f"{value:.{digits}f} ± {std:.{digits}f} {unit}"
+
+
+def thing_text(figures: dict[str, Any]) -> str:
+    """Say how many things moved, and how fast."""
+    count, all_of = figures["lasting_objects"], figures["objects"]
+    if not count:
+        if not all_of:
+            return "Nothing moved on its own."
+        return (
+            f"Nothing moved on its own for {LASTING_FRAMES} frames; {all_of} brief "
+            f"{'sight' if all_of == 1 else 'sights'} of something that moves."
+        )
+    things = "thing" if count == 1 else "things"
+    text = f"{count} {things} moved on {'its' if count == 1 else 'their'} own"
+    if count > 1 and math.isfinite(figures["at_once_median"]):
+        text += f", {figures['at_once_median']:.0f} at once (median; at most {figures['at_once_max']})"
+    speed, std, unit = (figures[f"thing_speed_{name}"] for name in ("median", "std_median", "unit"))
+    if not math.isfinite(speed):
+        return f"{text}; how fast is not known."
+    if count == 1:
+        return f"{text}, at {value_text(speed, std, unit)}."
+    text += f", at {value_text(speed, std, unit)} (median; four in five between "
+    text += f"{figures['thing_speed_p10']:.3g} and {figures['thing_speed_p90']:.3g})"
+    fastest = value_text(figures["fastest_thing_speed"], figures["fastest_thing_speed_std"], unit)
+    return f"{text}; the fastest, number {figures['fastest_thing']}, at {fastest}."
+
+
+def heading(thing: Thing) -> str:
+    """Say in which of eight directions a thing went; that it stayed about where it was, if it did."""
+    dx, dy = thing.way
+    if math.hypot(dx, dy) < _LEAST_WAY_SIZES * math.sqrt(max(thing.area, 1.0)):
+        return "about its place"
+    return _HEADINGS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]

@@ -1,0 +1,132 @@
+"""What is said first: how many things moved, how fast, where; and a camera that stands still is said to."""
+
+from __future__ import annotations
+
+import math
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from rsflow.extraction.series import Series
+from rsflow.extraction.summary import answers, camera_figures, key_figures
+from rsflow.extraction.svg import map_plot
+from rsflow.extraction.things import heading, lasting, thing_figures, thing_text, value_text
+
+MOTION = (
+    "frame", "t_s", "dt_s", "dx_px", "dy_px", "dx_std_px", "dy_std_px", "flow_median_px", "flow_median_x_px",
+    "flow_median_y_px", "flow_valid_share", "moving_share", "objects", "camera_dx_px", "camera_dy_px",
+)  # fmt: skip
+OBJECTS = (
+    "frame",
+    "id",
+    "x_px",
+    "y_px",
+    "area_px",
+    "vx_px_per_frame",
+    "vy_px_per_frame",
+    "speed_px_s",
+    "speed_std_px_s",
+)
+
+
+def film(shift: float, *, frames: int = 30, noise: float = 0.01, counts: int = 0) -> Series:
+    motion = Series(MOTION, ("status", "segmentation_status", "camera_model"))
+    rng = np.random.default_rng(1)
+    for frame in range(frames):
+        row = {"frame": frame, "t_s": frame / 10, "dt_s": 0.1, "moving_share": 0.02, "objects": counts}
+        step = rng.normal(0, noise, 2) if frame else (math.nan, math.nan)
+        row |= {"dx_px": shift + step[0], "dy_px": step[1], "dx_std_px": noise, "dy_std_px": noise}
+        motion.append(row | {"status": "ok", "segmentation_status": "ok", "camera_model": "translation"})
+    return motion
+
+
+def things() -> Series:
+    objects = Series(OBJECTS)
+    for frame in range(30):
+        for number, speed in ((1, 10.0), (2, 20.0), (3, 90.0)):
+            row = {"frame": frame, "id": number, "x_px": 5 + speed * frame / 10, "y_px": 50.0, "area_px": 400}
+            row |= {"vx_px_per_frame": speed / 10, "vy_px_per_frame": 0, "speed_px_s": speed, "speed_std_px_s": 1.5}
+            objects.append(row)
+    for frame in (3, 4):
+        objects.append({"frame": frame, "id": 9, "x_px": 1, "y_px": 1, "area_px": 20, "speed_px_s": 500})
+    return objects
+
+
+def test_how_many_and_how_fast() -> None:
+    figures = thing_figures(things(), film(0, counts=3))
+    assert (figures["objects"], figures["lasting_objects"], figures["at_once_max"]) == (4, 3, 3)
+    assert (figures["thing_speed_unit"], figures["thing_speed_median"], figures["thing_speed_std_median"]) == (
+        "px/s",
+        20,
+        1.5,
+    )
+    assert (figures["fastest_thing"], figures["fastest_thing_speed"]) == (3, 90)
+    said = thing_text(figures)
+    assert said.startswith("3 things moved on their own, 3 at once")
+    assert "at 20 ± 2 px/s (median" in said
+    assert said.endswith("the fastest, number 3, at 90 ± 2 px/s.")
+    unit, found = lasting(things())
+    assert unit == "px/s"
+    assert [heading(thing) for thing in found] == ["right", "right", "right"]
+
+
+def test_nothing_and_what_is_brief() -> None:
+    assert thing_text(thing_figures(Series(OBJECTS), film(0))) == "Nothing moved on its own."
+    brief = Series(OBJECTS)
+    brief.append({"frame": 3, "id": 9, "x_px": 1, "y_px": 1, "area_px": 20})
+    assert "1 brief sight " in thing_text(thing_figures(brief, film(0)))
+
+
+def test_what_is_hidden_is_not_counted_as_seen() -> None:
+    objects = Series(OBJECTS)
+    for frame in range(20):
+        objects.append({"frame": frame, "id": 1, "x_px": frame, "y_px": 0, "area_px": 50 if frame < 8 else 0})
+    assert lasting(objects)[1] == []
+
+
+@pytest.mark.parametrize(
+    ("shift", "decided", "still"),
+    [(0.0, "static", True), (0.0, "moving", True), (2.0, "moving", False), (2.0, "static", False)],
+)
+def test_a_camera_that_stands_still_is_said_to(shift: float, decided: str, still: bool) -> None:
+    motion = film(shift)
+    figures = key_figures(motion, None, None) | camera_figures(motion, decided) | thing_figures(things(), motion)
+    figures["camera_motion_reason"] = "found so"
+    said = answers(figures)
+    assert figures["camera_still"] == still
+    assert ("The camera stood still (found so)." in said) == still
+    assert any("px to the right" in line for line in said) != still
+    if not still:
+        assert figures["picture_speed_median"] == pytest.approx(20, abs=0.2)
+        assert any("at 20.0 ± 0.1 px/s (median)" in line for line in said)
+    assert "measured in 29 of 29 pairs" in said[-1]
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (31.26, 2.8, "31 ± 3 m"),
+        (31.26, 0.28, "31.3 ± 0.3 m"),
+        (312.6, 28.0, "313 ± 28 m"),
+        (0.01234, 0.0009, "0.0123 ± 0.0009 m"),
+        (31.26, math.nan, "31.3 m"),
+        (None, 1.0, "not known"),
+        (math.nan, 1.0, "not known"),
+    ],
+)
+def test_a_value_has_the_places_that_its_deviation_allows(value: float | None, std: float, text: str) -> None:
+    assert value_text(value, std, "m") == text
+
+
+def test_ways_over_a_picture() -> None:
+    x = np.array([10.0, 20, np.nan, 60, 90])
+    drawn = map_plot([("7 & 8", "#ff0000", x, x / 2)], (100, 80), title="ways", picture="data:image/jpeg;base64,AA==")
+    tree = ElementTree.fromstring(drawn)
+    space = "{http://www.w3.org/2000/svg}"
+    assert tree.get("viewBox") == "0 0 100 80"
+    assert [text.text for text in tree.iter(f"{space}text")] == ["7 & 8"]
+    (path,) = {path.get("d") for path in tree.iter(f"{space}path")}
+    assert path.startswith("M10.0 5.0L20.0 10.0M60.0 30.0L90.0 45.0")
+    assert tree.find(f"{space}image") is not None
+    assert "<path" not in map_plot([("1", "#000", x * np.nan, x)], (100, 80), title="ways")
