@@ -105,15 +105,16 @@ impl Sample {
     fn take(&mut self, pair: &Pair<'_>) -> Result<()> {
         let (width, height) = pair.size;
         let step = (width * height / SAMPLES).isqrt().max(1);
+        let most = (height / step + 1) * (width / step + 1);
         self.pairs.clear();
-        reserve(
-            "samples of light",
-            &mut self.pairs,
-            (height / step + 1) * (width / step + 1),
-        )?;
+        self.ordered.clear();
+        self.values.clear();
+        reserve("samples of light", &mut self.pairs, most)?;
+        reserve("samples of light", &mut self.ordered, most)?;
+        reserve("samples of light", &mut self.values, most)?;
         for (index, y) in (step / 2..height).step_by(step).enumerate() {
             // By the golden section: no column and no period of the picture is met in every row.
-            let first = (index * 79 / 128 * 5 + index * 3) % step;
+            let first = index * 79 % 128 * step / 128;
             for x in (first..width).step_by(step) {
                 if let Some(values) = pair.at(y * width + x) {
                     self.pairs.push(values);
