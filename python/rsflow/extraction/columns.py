@@ -5,7 +5,7 @@ from __future__ import annotations
 __all__ = ["MOTION", "OBJECTS", "TRAJECTORY", "VELOCITY", "WORDS", "meaning"]
 
 # Columns that hold words.
-WORDS = frozenset({"status", "segmentation_status", "camera_model", "std_without", "doubts"})
+WORDS = frozenset({"status", "segmentation_status", "camera_model", "std_without", "doubts", "state"})
 
 MOTION = {
     "frame": "number of the frame in the source, counted from 0",
@@ -104,9 +104,30 @@ OBJECTS = {
     "top_px": "upper edge of its box",
     "width_px": "width of its box",
     "height_px": "height of its box",
-    "area_px": "number of its pixels",
-    "vx_px_per_frame": "its motion against the still surroundings, to the right",
+    "area_px": "number of its pixels, 0 where it is hidden",
+    "vx_px_per_frame": "its motion against the still surroundings, to the right, smoothed over the frames",
     "vy_px_per_frame": "the same, downwards",
+    "state": "seen by itself, merged with others into one region, or hidden: then it is predicted",
+    "missed_frames": "for how many frames it has been hidden",
+    "x_std_px": "standard deviation of its believed place, to the right",
+    "y_std_px": "the same, downwards",
+    "vx_px_s": "vx_px_per_frame per second; nan where the source has no times",
+    "vy_px_s": "the same, downwards",
+    "vx_std_px_s": "standard deviation of vx_px_s; inf where its velocity is not known",
+    "vy_std_px_s": "standard deviation of vy_px_s",
+    "speed_px_s": "length of its velocity",
+    "speed_std_px_s": "standard deviation of speed_px_s",
+    "direction_rad": "where it goes: 0 to the right, growing clockwise as seen",
+    "x_ground_px": "its place in the picture of the first frame, to the right: over the ground, where the camera moves",
+    "y_ground_px": "the same, downwards",
+    "travelled_px": "length of its path there",
+    "vx_m_s": "its velocity over the ground to the right in the picture, with a scale or a camera and a height",
+    "vy_m_s": "the same, downwards",
+    "vx_std_m_s": "standard deviation of vx_m_s, without that of the scale",
+    "vy_std_m_s": "standard deviation of vy_m_s, likewise",
+    "speed_m_s": "length of its velocity over the ground",
+    "speed_std_m_s": "standard deviation of speed_m_s, without that of the scale",
+    "travelled_m": "length of its path over the ground",
 }
 
 # What each status says to the reader of the report.

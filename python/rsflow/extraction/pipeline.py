@@ -167,7 +167,7 @@ class Pipeline:
     def finish(self, frame: Frame, shift: Shift | None, flow: FlowField | None) -> Measured:
         """Second step: moving and static, velocity, and the rows of the tables."""
         assert self._segmenter is not None, "settle or go_on comes first"
-        segmentation = self._segmenter.update(frame.image, flow=flow)
+        segmentation = self._segmenter.update(frame.image, flow=flow, t_s=frame.t_s)
         dt_s = frame.t_s - self._prev_t_s
         self._prev_t_s = frame.t_s
         velocity, table_row = None, None

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["flow_samples", "motion_row", "object_rows", "status_word"]
 
+# A thing that is not seen for so many frames is still there: a region may blink.
+_BLINK = 2
 # The statistics of the flow are over about so many pixels, on a grid.
 _SAMPLES = 30_000
 
@@ -105,7 +107,7 @@ def _segmentation_columns(segmentation: MotionSegmentation, shape: tuple[int, ..
     }
     if not segmentation.valid:
         return row | dict.fromkeys(("moving_share", *names), math.nan)
-    row |= {"moving_share": share(segmentation.moving, segmentation.mask), "objects": len(segmentation.objects)}
+    row |= {"moving_share": share(segmentation.moving, segmentation.mask), "objects": present(segmentation)}
     return row | dict(zip(names, camera_columns(segmentation.camera_motion, shape), strict=True))
 
 
@@ -121,8 +123,14 @@ def camera_columns(motion: NDArray[np.float64], shape: tuple[int, ...]) -> tuple
     return px - x, py - y, rotation, math.sqrt(abs(float(np.linalg.det(J))))
 
 
-def object_rows(frame: Frame, segmentation: MotionSegmentation | None) -> list[dict[str, Any]]:
-    """Give the rows of ``objects.csv`` for one frame."""
-    if segmentation is None:
-        return []
-    return [{"frame": frame.index, "t_s": frame.t_s, **thing.to_dict()} for thing in segmentation.objects]
+def present(segmentation: MotionSegmentation) -> int:
+    """Count the things of a frame: those that are seen, and those that blinked out for a frame or two."""
+    return len(segmentation.objects) + sum(thing.missed_frames <= _BLINK for thing in segmentation.hidden)
+
+
+def object_rows(
+    frame: Frame, segmentation: MotionSegmentation, scale_m_per_px: float = math.nan
+) -> list[dict[str, Any]]:
+    """Give the rows of ``objects.csv`` for one frame, those that are seen before the hidden ones."""
+    things = (*segmentation.objects, *segmentation.hidden)
+    return [{"frame": frame.index, "t_s": frame.t_s, **thing.to_dict(scale_m_per_px)} for thing in things]

@@ -22,14 +22,15 @@ def _classes() -> dict[str, type]:
     from ..plotting import QuiverStyle
     from ..segmentation.background import Background, _Kept
     from ..segmentation.foreground import Outline
-    from ..segmentation.objects import ObjectTracker, _Track
+    from ..segmentation.objects import ObjectTracker
     from ..segmentation.parallax import Parallax
     from ..segmentation.segmenter import MotionSegmenter
+    from ..segmentation.tracks.followed import Followed
     from .drift import Drift
     from .trajectory import Trajectory
 
     classes: tuple[type, ...] = (
-        Background, _Kept, Outline, ObjectTracker, _Track, Parallax, QuiverStyle, MotionSegmenter, Drift, Trajectory,
+        Background, _Kept, Outline, ObjectTracker, Followed, Parallax, QuiverStyle, MotionSegmenter, Drift, Trajectory,
     )  # fmt: skip
     return {item.__name__: item for item in classes}
 

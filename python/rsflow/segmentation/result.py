@@ -70,7 +70,8 @@ class MotionSegmentation:
         Whether the scene was seen to have depth: then what moves along the lines of the camera's travel, the way that
         depth goes, counts as still, and `residual` is the motion across them.
     objects : tuple of TrackedObject
-        The regions of `moving` with their numbers, which last over the frames.
+        The things that move, with numbers that last over the frames; what moves and goes nowhere, such as leaves in
+        the wind, is none.
     labels : (H, W) int32
         The number of the object at each pixel, 0 for none.
     background : (H, W) float32
@@ -81,12 +82,14 @@ class MotionSegmentation:
     mask : (H, W) bool, or None
         True where a pixel counts, as the segmenter was told; elsewhere nothing is moving, `residual` is NaN and
         `background` what other frames saw there, if they did. None: all count.
+    hidden : tuple of TrackedObject
+        Things that were seen before and are hidden in this frame, where they are predicted.
 
     Examples
     --------
     >>> import rsflow
     >>> segmenter = rsflow.MotionSegmenter(camera_motion="moving")
-    >>> for frame in rsflow.synthetic.flight_with_object(frames=4):
+    >>> for frame in rsflow.synthetic.flight_with_object(frames=6):
     ...     seen = segmenter.update(frame.image)
     >>> seen.valid, seen.camera_model, len(seen.objects), bool((seen.labels > 0).sum() == seen.moving.sum())
     (True, 'translation', 1, True)
@@ -105,6 +108,7 @@ class MotionSegmentation:
     background: F32
     status: SegmentationStatus
     mask: Mask | None = None
+    hidden: tuple[TrackedObject, ...] = ()
 
     def __repr__(self) -> str:
         height, width = self.moving.shape
@@ -158,7 +162,7 @@ class MotionSegmentation:
         --------
         >>> import rsflow
         >>> segmenter = rsflow.MotionSegmenter(camera_motion="moving")
-        >>> for frame in rsflow.synthetic.flight_with_object(frames=4):
+        >>> for frame in rsflow.synthetic.flight_with_object(frames=6):
         ...     seen = segmenter.update(frame.image)
         >>> table = seen.to_table()
         >>> table["id"].tolist(), list(table)[:4]

@@ -1,9 +1,8 @@
 """What moves and what stands still, for a static and for a moving camera.
 
 For each frame: the camera's own motion in the picture is fitted to the dense flow; what is left of each pixel's flow
-is tested against its own covariance; pictures tell which of the pixels near a motion edge belong to the thing that
-moves; regions are cleaned and followed over time. With a static camera what differs from the background, in light
-that may change, gives the outline.
+is tested against its covariance; pictures tell which pixels near a motion edge belong to what moves; regions are
+cleaned and followed. With a static camera what differs from the background, in light that may change, is the outline.
 
 docs/algorithms.md, section "What moves: MotionSegmenter".
 """
@@ -175,7 +174,9 @@ class MotionSegmenter(Shared):
         self._flow_is_ours = True
 
     @alone
-    def update(self, image: NDArray[Any], *, flow: FlowLike | None = None) -> MotionSegmentation:
+    def update(
+        self, image: NDArray[Any], *, flow: FlowLike | None = None, t_s: float | None = None
+    ) -> MotionSegmentation:
         """Take the next frame.
 
         Parameters
@@ -185,6 +186,8 @@ class MotionSegmenter(Shared):
         flow : FlowField, optional
             Flow from the previous frame to this one where it is known already; by default it is computed here. Give
             it for every frame after the first or for none.
+        t_s : float, optional
+            Its time in seconds, for velocities of things per second.
 
         Returns
         -------
@@ -197,7 +200,7 @@ class MotionSegmenter(Shared):
         OptionError
             If a flow is given for some frames only.
         """
-        image = _checks.frame("image", image)
+        image, t_s = _checks.frame("image", image), _checks.number_or_none("t_s", t_s, of="seconds", or_nan=True)
         if image.size == 0:
             raise ShapeError(f"image: got shape {image.shape}, expected at least one pixel")
         counted = image
@@ -225,7 +228,7 @@ class MotionSegmenter(Shared):
             self._flow_is_ours = False
         if self._previous is None or flow is None:
             return self._start(image, current)
-        result = self._segment(image, current, flow)
+        result = self._segment(image, current, flow, t_s)
         self._previous = current
         return result
 
@@ -233,12 +236,12 @@ class MotionSegmenter(Shared):
         self._previous = current
         self._moving = np.zeros(current.shape, bool)
         area = max(_LEAST_AREA, round(_LEAST_SHARE * current.size)) if self.min_area is None else self.min_area
-        self._tracker = ObjectTracker(min_area=area, min_age=_LEAST_AGE)
+        self._tracker = ObjectTracker(min_area=area, min_age=_LEAST_AGE, only_travelling=True)
         self._background.add(current, self._uncounted(self._moving))
         model = "static" if self.static_camera else "none"
         return self._result(image, current, None, np.eye(3), model, (), SegmentationStatus.FIRST_FRAME)
 
-    def _segment(self, image: NDArray[Any], current: F32, flow: FlowLike) -> MotionSegmentation:
+    def _segment(self, image: NDArray[Any], current: F32, flow: FlowLike, t_s: float | None) -> MotionSegmentation:
         assert self._previous is not None
         assert self._moving is not None
         assert self._tracker is not None
@@ -256,7 +259,7 @@ class MotionSegmenter(Shared):
             self._background.reset()
             self._moving = np.zeros_like(self._moving)
             self._background.add(current, self._uncounted(self._moving))
-            objects = self._tracker.update(self._moving)
+            objects = self._tracker.update(self._moving, t_s=t_s)
             return self._result(image, current, None, homography, "none", objects, SegmentationStatus.NO_CAMERA_MOTION)
         small = Reduction.of(current.shape)
         if self.static_camera and self._outline is None:
@@ -294,8 +297,7 @@ class MotionSegmenter(Shared):
             variance=None if self._outline is None else self._outline.variance,
             counts=counts,
         )
-        self._spread = found.spread
-        background = small.image(self._background.picture(small.full))
+        self._spread, background = found.spread, small.image(self._background.picture(small.full))
         if self._outline is not None:
             mask = self._outline.update(work, background, found, kept, self._rounding)
         elif self._background.kept >= _TRUSTED_BACKGROUND:
@@ -307,8 +309,9 @@ class MotionSegmenter(Shared):
         if self._fixed is not None:
             mask &= self._fixed.pixels
         residual[~known] = np.nan
-        objects = self._tracker.update(mask, small.enlarged_motion(residual, mask & trusted), homography)
-        self._moving = self._tracker.labels > 0
+        motion = small.enlarged_motion(residual, mask & trusted)
+        objects = self._tracker.update(mask, motion, homography, image=image, t_s=t_s)
+        self._moving = self._tracker.lasting
         away = regions.dilated(self._moving, size)
         if self._background.kept == 1:
             self._background.amend_first(evidence.carried_back(away, uv, given))
@@ -378,9 +381,8 @@ class MotionSegmenter(Shared):
             camera_model=model,
             parallax=parallax,
             objects=objects,
-            labels=self._tracker.labels
-            if status is not SegmentationStatus.FIRST_FRAME
-            else np.zeros(moving.shape, np.int32),
+            hidden=self._tracker.hidden,
+            labels=self._tracker.labels if self._tracker.labels.size else np.zeros(moving.shape, np.int32),
             background=background,
             status=status,
             mask=None if self._fixed is None else self._fixed.pixels,
