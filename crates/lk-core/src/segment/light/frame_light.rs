@@ -17,8 +17,8 @@ const FEWEST: usize = 64;
 const JUDGES: usize = 160;
 /// Lines through pairs.
 const PAIRS: usize = 16;
-/// Another line must be better than what stands by this factor.
-const BETTER: f32 = 0.8;
+/// What comes of a pair must have this share of the spread of what is likely, or less.
+const BETTER: f32 = 0.9;
 /// What a camera's exposure and a lamp do from frame to frame; beyond is not light.
 pub(super) const GAINS: [f32; 2] = [0.3, 3.0];
 /// Rounds of least squares, and how many standard deviations from the line count.
@@ -75,11 +75,13 @@ impl Sample {
         if self.pairs.len() < FEWEST {
             return Ok(FrameLight::NONE);
         }
-        let mut line = self.begin(start);
-        let mut spread = self.spread(line);
-        for _ in 0..ROUNDS {
-            line = self.least_squares(line, spread);
-            spread = self.spread(line);
+        let [likely, paired] = self.begin(start);
+        let (mut line, mut spread) = self.refined(likely.unwrap_or(start));
+        if let Some(paired) = paired {
+            let other = self.refined(paired);
+            if other.1 < BETTER * spread {
+                (line, spread) = other;
+            }
         }
         let (mut near, mut square) = (0.0f32, 0.0);
         for pair in &self.pairs {
@@ -99,6 +101,16 @@ impl Sample {
             range: line[0] * (high - low),
             middle: line[0] * (low + high) * 0.5 + line[1],
         })
+    }
+
+    /// A line after rounds of least squares, and the spread around it.
+    fn refined(&mut self, mut line: [f32; 2]) -> ([f32; 2], f32) {
+        let mut spread = self.spread(line);
+        for _ in 0..ROUNDS {
+            line = self.least_squares(line, spread);
+            spread = self.spread(line);
+        }
+        (line, spread)
     }
 
     /// Take pixels that count, all over the frame.
@@ -124,52 +136,43 @@ impl Sample {
         Ok(())
     }
 
-    /// The line from which the nearest of the sample are least far.
-    fn begin(&mut self, start: [f32; 2]) -> [f32; 2] {
+    /// The best of the lines that are likely, and the best through a pair, by how far the nearest are.
+    fn begin(&mut self, start: [f32; 2]) -> [Option<[f32; 2]>; 2] {
         let count = self.pairs.len();
-        self.ordered.clear();
         self.ordered.extend_from_slice(&self.pairs);
         self.ordered.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
-        self.values.clear();
         self.values
             .extend(self.pairs.iter().map(|pair| pair[1] - pair[0]));
-        let steady = [1.0, middle(&mut self.values)];
-        let mut best = steady;
-        let mut least = self.judged(steady);
-        let mut hold = |sample: &mut Self, line: [f32; 2]| {
-            let cost = sample.judged(line);
-            if cost < BETTER * least {
-                (best, least) = (line, cost);
-            }
-        };
-        hold(self, start);
+        let steady = [1.0, quantile(&mut self.values, 0.5)];
         // Where the sample's order is kept the light is what brings one's tenths to the other's.
         self.values.clear();
         self.values.extend(self.pairs.iter().map(|pair| pair[1]));
         self.values.sort_unstable_by(f32::total_cmp);
-        for (low, high) in [
-            (count / 10, count - 1 - count / 10),
-            (count / 4, count - 1 - count / 4),
-        ] {
-            let ends = [low, high].map(|at| [self.ordered[at][0], self.values[at]]);
-            if let Some(line) = through(ends) {
-                hold(self, line);
-            }
-        }
+        let [tenths, quarters] = [10, 4].map(|part| {
+            let ends = [count / part, count - 1 - count / part];
+            through(ends.map(|at| [self.ordered[at][0], self.values[at]]))
+        });
         // Pairs of a dark one and a bright one, spread over both thirds.
         let third = count / 3;
-        for index in 0..PAIRS {
+        let pairs = (0..PAIRS).map(|index| {
             let [dark, bright] =
                 [index * 11 % PAIRS, index * 7 % PAIRS].map(|part| part * third / PAIRS);
-            if let Some(line) = through([self.ordered[dark], self.ordered[count - 1 - bright]]) {
-                hold(self, line);
-            }
-        }
-        best
+            through([self.ordered[dark], self.ordered[count - 1 - bright]])
+        });
+        let likely = [Some(steady), Some(start), tenths, quarters];
+        [self.nearest(likely.into_iter()), self.nearest(pairs)]
+    }
+
+    /// The first of the lines from which the nearest of the sample are least far.
+    fn nearest(&self, lines: impl Iterator<Item = Option<[f32; 2]>>) -> Option<[f32; 2]> {
+        let judged = lines.flatten().map(|line| (self.judged(line), line));
+        judged
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|(_, line)| line)
     }
 
     /// How far the nearest of some of the sample are from a line.
-    fn judged(&mut self, line: [f32; 2]) -> f32 {
+    fn judged(&self, line: [f32; 2]) -> f32 {
         let step = (self.pairs.len() / JUDGES).max(1);
         let mut distances = [f32::INFINITY; JUDGES];
         let mut count = 0;
@@ -246,9 +249,4 @@ fn through([[a, b], [c, d]]: [[f32; 2]; 2]) -> Option<[f32; 2]> {
 fn quantile(values: &mut [f32], share: f32) -> f32 {
     let at = (share * values.len() as f32) as usize;
     *values.select_nth_unstable_by(at, f32::total_cmp).1
-}
-
-/// The upper median.
-fn middle(values: &mut [f32]) -> f32 {
-    quantile(values, 0.5)
 }

@@ -363,3 +363,29 @@ fn time_of_fits() {
         (0..480).for_each(|y| light.row(y, &mut gain, &mut offset, level))
     });
 }
+
+#[test]
+fn where_only_fine_texture_is_seen_shade_is_a_share_of_the_grey_level() {
+    let fine = |x: f64, y: f64| {
+        120.0 + 30.0 * (1.9 * x + 0.7 * y).sin() + 25.0 * (1.6 * y - 0.5 * x).cos()
+    };
+    let shade = |x: f64| if x < 160.0 { 0.55 } else { 1.0 };
+    let scene = Scene {
+        reference: picture(SIZE, 2.0, 1, fine),
+        image: picture(SIZE, 2.0, 2, |x, y| shade(x) * fine(x, y)),
+        still: vec![1; SIZE.0 * SIZE.1],
+    };
+    let light = scene.light();
+    let (mut gain, mut offset) = (vec![0.0; SIZE.0], vec![0.0; SIZE.0]);
+    for y in [20, 120, 200] {
+        light.row(y, &mut gain, &mut offset, SimdLevel::detected());
+        for x in (0..100).chain(220..320) {
+            let want = shade(x as f64) as f32;
+            assert!(
+                (gain[x] - want).abs() < 0.06,
+                "({x}, {y}): {} for {want}",
+                gain[x]
+            );
+        }
+    }
+}

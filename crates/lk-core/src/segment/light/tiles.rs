@@ -22,8 +22,12 @@ pub(super) const TILE: usize = 4 * CELLS;
 /// What differs by more than this share of the picture's range is things and not light; by half of it in the last round.
 const LIMIT: f32 = 0.06;
 const ROUNDS: [f32; 3] = [1.0, 1.0, 0.5];
-/// A ridge, as a share of the limit: where a tile has less contrast the change is an offset.
+/// A ridge, as a share of the limit: where a tile has less contrast the change is a share of the grey level.
 const RIDGE: f32 = 0.33;
+/// Share of the variance of a picture's difference below which the variance of cells may be noise: two of its sixteenths.
+const CELL_NOISE: f32 = 0.125;
+/// Grey levels below this share of the range are too dark for a change to be a share of them.
+const DARK: f32 = 0.1;
 /// So many cells in and around a tile, of 144, are enough without those further off.
 const ENOUGH: f32 = 24.0;
 /// What those further off count, and those of the whole frame.
@@ -114,11 +118,18 @@ impl Tiles {
     ) -> Result<()> {
         let limit = noise.max(LIMIT * light.range).max(1e-6);
         let level = execution.simd_level();
+        let ridge = RIDGE * limit;
+        let prior = Prior {
+            ridge: ridge * ridge,
+            noise: CELL_NOISE * noise * noise,
+            middle: light.middle,
+            dark: (DARK * light.range).max(f32::MIN_POSITIVE),
+        };
         self.sum(cells, None, execution)?;
-        self.begin(noise, limit, level);
+        self.begin(noise, limit, &prior, level);
         for part in ROUNDS {
             self.sum(cells, Some(noise.max(part * limit)), execution)?;
-            self.solve(limit, level);
+            self.solve(&prior, level);
         }
         for at in 0..self.slope.len() {
             let (more, smooth) = (self.slope[at] + 1.0, self.smooth[at]);
@@ -166,7 +177,7 @@ impl Tiles {
     }
 
     /// Begin with the light of the tiles that show the same in both pictures, and distrust those where it is gone.
-    fn begin(&mut self, noise: f32, limit: f32, level: SimdLevel) {
+    fn begin(&mut self, noise: f32, limit: f32, prior: &Prior, level: SimdLevel) {
         self.boxed(level, CHANNELS, false);
         let (columns, rows) = self.size;
         let unseen = LAPLACIAN_NOISE * noise * noise;
@@ -183,7 +194,7 @@ impl Tiles {
             if correlation < GONE {
                 self.trust[at] = DISTRUST;
             } else if correlation > SAME {
-                let fit = Fit::of([0, 1, 2, 3, 4].map(get), limit);
+                let fit = Fit::of([0, 1, 2, 3, 4].map(get), prior);
                 let left = get(5) / get(0) - fit.change * fit.change - fit.slope * fit.both;
                 if left < limit * limit {
                     (self.slope[at], self.smooth[at]) = (fit.slope, fit.smooth);
@@ -218,7 +229,7 @@ impl Tiles {
     }
 
     /// Fit each tile again.
-    fn solve(&mut self, limit: f32, level: SimdLevel) {
+    fn solve(&mut self, prior: &Prior, level: SimdLevel) {
         let (columns, rows) = self.size;
         self.boxed(level, ALWAYS, false);
         let few = |row: &[f32]| row[..columns].iter().any(|weight| *weight < ENOUGH);
@@ -246,7 +257,7 @@ impl Tiles {
                         *sum += lacking * around;
                     }
                 }
-                let fit = Fit::of(sums, limit);
+                let fit = Fit::of(sums, prior);
                 (
                     self.slope[row * columns + x],
                     self.smooth[row * columns + x],
@@ -311,7 +322,7 @@ struct Fit {
 
 impl Fit {
     /// Of the sums of weights, levels, changes, squares of levels, and products.
-    fn of([weight, level, change, square, product]: [f32; 5], limit: f32) -> Self {
+    fn of([weight, level, change, square, product]: [f32; 5], prior: &Prior) -> Self {
         if weight <= 1e-6 {
             return Self {
                 slope: 0.0,
@@ -324,8 +335,14 @@ impl Fit {
         let (level, change) = (level * share, change * share);
         let both = product * share - level * change;
         let variance = (square * share - level * level).max(0.0);
-        let ridge = RIDGE * limit;
-        let slope = (both / (variance + ridge * ridge)).clamp(GAINS[0] - 1.0, GAINS[1] - 1.0);
+        let least = GAINS.map(|gain| gain - 1.0);
+        // As a shadow or a lamp would have it, whose change is a share of the grey level.
+        let usual = (change / (level + prior.middle).max(prior.dark)).clamp(least[0], least[1]);
+        let ridge = prior.ridge + f32::MIN_POSITIVE;
+        let slope = (both + ridge * usual) / (variance + ridge);
+        let square = variance * variance;
+        let sure = square / (square + prior.noise * prior.noise + f32::MIN_POSITIVE);
+        let slope = (usual + sure * (slope - usual)).clamp(least[0], least[1]);
         Self {
             slope,
             smooth: change - slope * level,
@@ -333,4 +350,15 @@ impl Fit {
             both,
         }
     }
+}
+
+/// What a line is held to where its cells say little.
+struct Prior {
+    /// What is added to the variance of levels.
+    ridge: f32,
+    /// A variance of levels that may be noise.
+    noise: f32,
+    /// The level that cells count from, and the least one that a change is a share of.
+    middle: f32,
+    dark: f32,
 }
