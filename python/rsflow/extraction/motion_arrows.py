@@ -34,8 +34,9 @@ _SIGNIFICANT, _MEDIAN = 18.4, 1.386
 # Two vectors are alike when they differ by less than this share of the longer one.
 _ALIKE = 0.5
 # The scene's own motion, of a moving camera, is drawn paler than that of things.
-_SCENE_COLOR: drawing.Color = (235, 225, 200)
-_SCENE_OPACITY = 0.65
+_SCENE_COLOR: drawing.Color = (200, 190, 165)
+# And on every so many points of the grid.
+_SCENE_STEP = 2
 # Of things, on the screen: shorter arrows are dots, and longer ones than this share of the picture are cut.
 _LEAST_LENGTH, _LONGEST_SHARE = 4.0, 0.3
 
@@ -46,11 +47,14 @@ def draw_motion(
     """Draw the motion to the frame of `seen` on the picture before it, enlarged by the style's zoom."""
     out = drawing.magnified(picture, style.zoom)
     points, vectors, things, scene = chosen(flow, seen, style.step)
-    lines, _ = arrows.shapes(points[scene], vectors[scene], style)
-    drawing.rimmed(out, lines, _SCENE_COLOR, style.line_width, _SCENE_OPACITY)
-    lines, _ = arrows.shapes(points[things], vectors[things], style)
-    drawing.rimmed(out, lines, style.color, style.line_width)
-    _draw_things(out, seen, style)
+    of_scene, _ = arrows.shapes(points[scene], vectors[scene], style)
+    of_things, _ = arrows.shapes(points[things], vectors[things], style)
+    drawing.rimmed(
+        out,
+        drawing.Strokes(of_scene, _SCENE_COLOR, style.line_width),
+        drawing.Strokes(of_things, style.color, style.line_width),
+        _thing_strokes(out, seen, style),
+    )
     if style.key:
         arrows.draw_key(out, style)
     return out
@@ -80,7 +84,11 @@ def chosen(flow: FlowField, seen: MotionSegmentation, step: int) -> tuple[F64, F
         return points, vectors, things, np.zeros_like(things)
     things = moves & on_thing
     scene = still & (_chi_squared(vectors, precision) > _SIGNIFICANT * excess)
-    return points, vectors, things, scene & _supported(vectors, scene, height, step)
+    scene &= _supported(vectors, scene, height, step)
+    # The scene's motion changes little from one to the next, and would cover the picture.
+    sparse = np.zeros((max(1, height // step), len(points) // max(1, height // step)), bool)
+    sparse[::_SCENE_STEP, ::_SCENE_STEP] = True
+    return points, vectors, things, scene & sparse.ravel()
 
 
 def _precision(flow: FlowField, rows: NDArray[Any], columns: NDArray[Any], valid: Mask) -> F64:
@@ -125,11 +133,11 @@ def _mapped(homography: F64, points: NDArray[Any]) -> F64:
     return out
 
 
-def _draw_things(out: NDArray[np.uint8], seen: MotionSegmentation, style: QuiverStyle) -> None:
-    """Draw the motion of each thing at its centre, in its colour; a dot where that is too short to see."""
+def _thing_strokes(out: NDArray[np.uint8], seen: MotionSegmentation, style: QuiverStyle) -> drawing.Strokes:
+    """Give the motion of each thing at its centre, in its colour; draw a dot where that is too short to see."""
     things = [thing for thing in seen.objects if math.isfinite(thing.vx_px_per_frame + thing.vy_px_per_frame)]
     if not things:
-        return
+        return drawing.Strokes([], [])
     centres = np.array([(thing.x, thing.y) for thing in things])
     own = np.array([(thing.vx_px_per_frame, thing.vy_px_per_frame) for thing in things])
     back: F64 = np.asarray(np.linalg.inv(seen.camera_motion), np.float64)
@@ -139,9 +147,8 @@ def _draw_things(out: NDArray[np.uint8], seen: MotionSegmentation, style: Quiver
     ways = (centres - before) * (style.scale * style.zoom)
     long = np.hypot(*ways.T) >= _LEAST_LENGTH
     lines = arrows.lines(on_screen[long], ways[long], _LONGEST_SHARE * math.hypot(*out.shape[:2]))
-    drawing.rimmed(
-        out, lines, [color for color, drawn in zip(colors, long, strict=True) if drawn], style.line_width + 1
-    )
     for number in np.flatnonzero(~long):
         drawing.disc(out, on_screen[number], 3, (0, 0, 0))
         drawing.disc(out, on_screen[number], 2, colors[number])
+    inks = [color for color, drawn in zip(colors, long, strict=True) if drawn]
+    return drawing.Strokes(lines, inks, style.line_width + 1)

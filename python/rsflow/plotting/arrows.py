@@ -137,7 +137,7 @@ def draw_key(out: NDArray[np.uint8], style: QuiverStyle) -> None:
 
 
 def _stroke(out: NDArray[np.uint8], lines: list[NDArray[np.float64]], style: QuiverStyle) -> None:
-    drawing.rimmed(out, lines, style.color, style.line_width)
+    drawing.rimmed(out, drawing.Strokes(lines, style.color, style.line_width))
 
 
 def svg(

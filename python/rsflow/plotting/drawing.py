@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,6 +27,7 @@ _INK: Color = (255, 255, 255)
 _PANEL: Color = (24, 24, 24)
 # A rim takes this share of the light away.
 _RIM = 0.85
+_BESIDE_RIM = (255 - np.arange(256) * _RIM).astype(np.uint8)
 _SQUARE = np.ones((3, 3), np.uint8)
 
 
@@ -65,49 +67,65 @@ def _fixed(lines: Sequence[NDArray[np.float64]], origin: tuple[int, int] = (0, 0
     return [fixed[begin:end] for begin, end in zip([0, *ends], ends, strict=False)]
 
 
-def rimmed(
-    picture: NDArray[np.uint8],
-    lines: Sequence[NDArray[np.float64]],
-    color: Color | list[Color],
-    width: int = 1,
-    opacity: float = 1.0,
-) -> None:
-    """Draw open lines of (n, 2) points with a dark rim of a pixel, anti-aliased, in place; in one colour or one each.
+@dataclasses.dataclass(frozen=True)
+class Strokes:
+    """Open lines of (n, 2) points each, in one colour or one for each, of one width."""
 
-    All lines go into one plane of shares first: OpenCV takes five times as long to draw wide lines smoothly.
+    lines: Sequence[NDArray[np.float64]]
+    color: Color | list[Color]
+    width: int = 1
+
+    def by_color(self) -> dict[Color, list[int]]:
+        """Give the numbers of the lines of each colour."""
+        if not isinstance(self.color, list):
+            return {self.color: list(range(len(self.lines)))}
+        found: dict[Color, list[int]] = {}
+        for number, color in enumerate(self.color):
+            found.setdefault(color, []).append(number)
+        return found
+
+
+def rimmed(picture: NDArray[np.uint8], *groups: Strokes) -> None:
+    """Draw lines with a dark rim of a pixel, anti-aliased, in place.
+
+    All go into one plane of shares, which is laid over the picture once: OpenCV takes five times as long to draw wide
+    lines smoothly.
     """
     import cv2
 
-    if not lines:
+    groups = tuple(group for group in groups if group.lines)
+    if not groups:
         return
     height, wide = picture.shape[:2]
-    reach = width + 2
-    points = np.concatenate(lines)
+    reach = max(group.width for group in groups) + 2
+    points = np.concatenate([line for group in groups for line in group.lines])
     left, top = (max(int(least) - reach, 0) for least in np.clip(points.min(axis=0), 0, (wide, height)))
     right, bottom = np.clip(np.ceil(points.max(axis=0)) + reach + 1, 0, (wide, height)).astype(int)
     if left >= right or top >= bottom:
         return
     part = picture[top:bottom, left:right]
     ink = np.zeros(part.shape[:2], np.uint8)
-    fixed = _fixed(lines, (left, top))
-    cv2.polylines(ink, fixed, False, 255, 1, cv2.LINE_AA, _SHIFT)
-    if width > 1:
-        ink = cv2.dilate(ink, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width)))
+    colored: list[tuple[Color, list[NDArray[np.int32]], int]] = []
+    for group in groups:
+        fixed = _fixed(group.lines, (left, top))
+        own = ink if group.width == 1 else np.zeros_like(ink)
+        cv2.polylines(own, fixed, False, 255, 1, cv2.LINE_AA, _SHIFT)
+        if group.width > 1:
+            shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (group.width, group.width))
+            cv2.max(ink, cv2.dilate(own, shape), ink)
+        for color, numbers in group.by_color().items():
+            colored.append((color, [fixed[number] for number in numbers], group.width))
     rim = cv2.GaussianBlur(cv2.dilate(ink, _SQUARE), (3, 3), 0)
-    # What is left of the picture, and what the ink adds to it.
-    levels = np.arange(256)
-    kept = cv2.min(
-        cv2.LUT(ink, (255 - levels * opacity).astype(np.uint8)),
-        cv2.LUT(rim, (255 - levels * _RIM * opacity).astype(np.uint8)),
-    )
-    if isinstance(color, list):
-        added = np.zeros_like(part)
-        for line, own in zip(fixed, color, strict=True):
-            cv2.polylines(added, [line], False, own, width + 4, cv2.LINE_8, _SHIFT)
-        added = np.asarray(cv2.multiply(added, cv2.merge([ink] * 3), scale=opacity / 255), np.uint8)
-    else:
-        tables = [(levels * (opacity * level / 255)).astype(np.uint8) for level in color]
-        added = np.asarray(cv2.merge([cv2.LUT(ink, table) for table in tables]), np.uint8)
+    kept = cv2.min(cv2.bitwise_not(ink), cv2.LUT(rim, _BESIDE_RIM))
+    # Most lines have one colour: only the others have to be found in the picture.
+    usual = max(colored, key=lambda each: len(each[1]))[0]
+    added = np.empty_like(part)
+    added[:] = usual
+    for color, fixed, width in colored:
+        # Where they cross, the later ones lie above.
+        if any(other != usual for other, _, _ in colored):
+            cv2.polylines(added, fixed, False, color, width + 4, cv2.LINE_8, _SHIFT)
+    added = np.asarray(cv2.multiply(added, cv2.merge([ink] * 3), scale=1 / 255), np.uint8)
     cv2.add(cv2.multiply(part, cv2.merge([kept] * 3), scale=1 / 255), added, part)
 
 

@@ -250,5 +250,5 @@ class MotionSegmentation:
                 arrowed.append((color, (thing.x, thing.y), (vx * scale, vy * scale)))
         if arrowed:
             inks, starts, ways = zip(*arrowed, strict=True)
-            drawing.rimmed(out, arrows.lines(np.array(starts), np.array(ways)), list(inks))
+            drawing.rimmed(out, drawing.Strokes(arrows.lines(np.array(starts), np.array(ways)), list(inks)))
         labels.draw_labels(out, around, [str(thing.id) for thing in self.objects], colors)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["StaticScene", "frames_ahead"]
 
 # After so many first frames, every so many is looked at: things move on, the scene does not.
-_EAGER, _EVERY = 6, 6
+_EAGER, _EVERY = 6, 8
 # Share of the frame's smaller side, and pixels: so near to what moves a pixel may be its own.
 _RIM_SHARE, _LEAST_RIM = 1 / 160, 2
 # What is put in has the light around it, as it is within this many pixels, unless it differs by more levels than these
