@@ -81,7 +81,7 @@ class Pictures:
             return []
         out = drawing.magnified(_shown(before), self.style.zoom)
         if self.style.key:
-            arrows.draw_key(out, self.style)
+            drawing.rimmed(out, arrows.key_strokes(out, self.style))
         return [Drawn("flow", out, -1, before.t_s)]
 
     def _static(self, pictures: list[NDArray[np.uint8]]) -> list[Drawn]:

@@ -122,9 +122,8 @@ def rimmed(picture: NDArray[np.uint8], *groups: Strokes) -> None:
     added = np.empty_like(part)
     added[:] = usual
     for color, fixed, width in colored:
-        # Where they cross, the later ones lie above.
-        if any(other != usual for other, _, _ in colored):
-            cv2.polylines(added, fixed, False, color, width + 4, cv2.LINE_8, _SHIFT)
+        if color != usual:
+            cv2.polylines(added, fixed, False, color, width + 2, cv2.LINE_8, _SHIFT)
     added = np.asarray(cv2.multiply(added, cv2.merge([ink] * 3), scale=1 / 255), np.uint8)
     cv2.add(cv2.multiply(part, cv2.merge([kept] * 3), scale=1 / 255), added, part)
 
