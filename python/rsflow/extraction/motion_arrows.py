@@ -31,6 +31,8 @@ __all__ = ["draw_motion"]
 # The 99.99 % quantile of chi-squared with two degrees of freedom, and its median: errors that are larger than their
 # covariance says show in the median of what stands still.
 _SIGNIFICANT, _MEDIAN = 18.4, 1.386
+# The 99 % quantile, for the velocity of a thing.
+_SIGNIFICANT_THING = 9.2
 # Two vectors are alike when they differ by less than this share of the longer one.
 _ALIKE = 0.5
 # The scene's own motion, of a moving camera, is drawn paler than that of things.
@@ -144,7 +146,10 @@ def _thing_strokes(out: NDArray[np.uint8], seen: MotionSegmentation, style: Quiv
     colors = [drawing.distinct_color(thing.id) for thing in things]
     on_screen = (before + 0.5) * style.zoom - 0.5
     ways = (centres - before) * (style.scale * style.zoom)
-    long = np.hypot(*ways.T) >= _LEAST_LENGTH
+    off = np.array([(thing.vx_std_px_per_frame, thing.vy_std_px_per_frame) for thing in things])
+    # One whose deviation nobody knows is taken as sure.
+    sure = ~(((own / np.maximum(off, 1e-6)) ** 2).sum(axis=1) < _SIGNIFICANT_THING)
+    long = sure & (np.hypot(*ways.T) >= _LEAST_LENGTH)
     lines = arrows.lines(on_screen[long], ways[long], _LONGEST_SHARE * math.hypot(*out.shape[:2]))
     for number in np.flatnonzero(~long):
         drawing.disc(out, on_screen[number], 3, (0, 0, 0))

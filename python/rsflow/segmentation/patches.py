@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     # Left, top, right and bottom of a part, the last two behind it.
     Part = tuple[int, int, int, int]
 
-__all__ = ["canvas", "cut", "hatched", "hatching", "laid_over", "parts_around", "softened"]
+__all__ = ["boxes_of", "canvas", "cut", "hatched", "hatching", "laid_over", "parts_around", "softened"]
 
 # Width of an edge that is smooth.
 _EDGE_PX = 2.0
@@ -36,6 +36,15 @@ def canvas(shape: tuple[int, ...], image: NDArray[Any], picture: NDArray[Any] | 
     if out.shape[:2] != shape:
         raise ShapeError(f"picture: got shape {out.shape[:2]}, expected that of the frame, {shape}")
     return out
+
+
+def boxes_of(mask: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+    """Give boxes (left, top, width, height) around the regions of a mask."""
+    import cv2
+
+    contours, _ = cv2.findContours(mask.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    boxes = [cv2.boundingRect(contour) for contour in contours]
+    return [(int(left), int(top), int(wide), int(high)) for left, top, wide, high in boxes]
 
 
 def parts_around(boxes: Iterable[tuple[int, int, int, int]], shape: tuple[int, ...], margin: int) -> list[Part]:

@@ -196,7 +196,7 @@ class MotionSegmentation:
         boxes = _checks.flag("boxes", boxes)
         shown = patches.canvas(self.moving.shape, self.image, picture)
         out: NDArray[np.uint8] = np.asarray(cv2.convertScaleAbs(shown, alpha=_DARKENED), np.uint8)
-        for part in patches.parts_around((thing.box for thing in self.objects), shown.shape, _SOFT_PX + 1):
+        for part in patches.parts_around(patches.boxes_of(self.moving), shown.shape, _SOFT_PX + 1):
             at = patches.cut(part)
             out[at] = patches.laid_over(out[at], shown[at], patches.softened(self.moving[at], _SOFT_PX))
         if boxes:

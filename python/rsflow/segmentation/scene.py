@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import regions
-from .patches import canvas, cut, hatched, parts_around
+from .patches import boxes_of, canvas, cut, hatched, parts_around
 from .scene_memory import SceneMemory, light_table
 
 if TYPE_CHECKING:
@@ -94,9 +94,9 @@ class StaticScene:
     def add(self, seen: MotionSegmentation, picture: NDArray[Any] | None = None) -> list[U8]:
         """Take the next frame, its picture in colour where there is one; give the pictures that are complete."""
         shown, hidden, ready = self._take(seen, picture)
-        parts = parts_around((thing.box for thing in seen.objects), self._size, self._rim() + _LIGHT_REACH)
         if seen.mask is not None:
             hidden = hidden & seen.mask
+        parts = parts_around(boxes_of(hidden), self._size, _LIGHT_REACH)
         self._waiting.append(_Waiting(shown, hidden, parts, self._to_canvas))
         most = min(self._look_ahead, _WAITING_BYTES // (shown.nbytes + hidden.nbytes))
         while len(self._waiting) > most:
@@ -117,7 +117,7 @@ class StaticScene:
             self._size = (shown.shape[0], shown.shape[1])
             self._memory, self._to_canvas, self._learned = SceneMemory(self._size), np.eye(3), 0
         self._follow(seen)
-        hidden = regions.dilated(seen.moving, 2 * self._rim() + 1) if seen.objects else seen.moving
+        hidden = regions.dilated(seen.moving, 2 * self._rim() + 1)
         self._since += 1
         level = float(shown[::16, ::16].mean())
         due = self._learned < _EAGER or self._since >= _EVERY or abs(level - self._level) > _OTHER_LIGHT

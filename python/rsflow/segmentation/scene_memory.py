@@ -32,6 +32,8 @@ _LIGHT_LEVELS = 24
 _CONFIRMED = 2
 # One of so many sights is the scene, whatever was there before.
 _LASTING = 8
+# A disc: gaps that are smaller are closed.
+_AROUND = np.array([[0, 1, 1, 1, 0], [1] * 5, [1] * 5, [1] * 5, [0, 1, 1, 1, 0]], np.uint8)
 
 
 class SceneMemory:
@@ -168,7 +170,7 @@ class SceneMemory:
             more = cv2.bitwise_and(more, cv2.compare(_apart(now, other), _LIGHT_LEVELS, cv2.CMP_GT))
             if more.any():
                 # Not pixel by pixel.
-                more = cv2.morphologyEx(more, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+                more = cv2.morphologyEx(more, cv2.MORPH_CLOSE, _AROUND)
                 more = cv2.bitwise_and(more, cv2.compare(self.other_seen[at], 0, cv2.CMP_GT))
             now = [cv2.copyTo(old, more, new.copy()) for old, new in zip(other, now, strict=True)]
         return cv2.merge(now), known
