@@ -209,3 +209,24 @@ def test_labels_keep_inside_and_apart() -> None:
         assert used.max() <= 1
         assert sum(corner is not None for corner in placed) >= 10
     assert labels.placed([(0, 0, 5, 5)], ["12345"], (10, 10)) == [None]
+
+
+def test_the_ground_is_shown_as_by_the_first_frame() -> None:
+    scene = painting(8, 200, 400)
+    nothing = np.zeros((HEIGHT, WIDTH), bool)
+    memory = StaticScene()
+    for number in range(31):
+        x = 20 + 4 * number
+        motion = np.array([[1.0, 0, -4 if number else 0], [0, 1, 0], [0, 0, 1]])
+        frame = scene[50 : 50 + HEIGHT, x : x + WIDTH]
+        memory.add(seen(frame, nothing, motion), frame)
+    found = memory.ground((-10.0, -5.0), (300, 120), 1.0)
+    assert found is not None
+    picture, known = found
+    truth = scene[45 : 45 + 120, 10:310]
+    assert known[10:90, 130:250].mean() > 0.95, "what the last frames show"
+    assert not known[:4].any()
+    assert np.quantile(np.abs(picture[known].astype(int) - truth[known]), 0.95) < 8
+    half = memory.ground((-10.0, -5.0), (150, 60), 0.5)
+    assert half is not None
+    assert abs(half[1].mean() - known.mean()) < 0.02

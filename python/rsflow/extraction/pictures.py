@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 __all__ = ["Drawn", "Pictures"]
 
 
+# Grey level of what is not known of the ground.
+_UNKNOWN = 136
+
+
 @dataclass(frozen=True)
 class Drawn:
     """A picture: of which view, with which frame it was drawn (-1: after the last), and the time of what it shows."""
@@ -91,6 +95,15 @@ class Pictures:
         """Give the scene of all frames, as the last one would show it; hatched where nothing is known."""
         best = self._scene.best()
         return None if best is None else hatched(*best)
+
+    def ground(self, corner: tuple[float, float], size: tuple[int, int], scale: float) -> NDArray[np.uint8] | None:
+        """Give the scene as the first frame would show it (`StaticScene.ground`), grey where it is not known."""
+        found = self._scene.ground(corner, size, scale)
+        if found is None:
+            return None
+        picture, known = found
+        picture[~known] = _UNKNOWN
+        return picture
 
     def state(self) -> dict[str, Any]:
         """Give what `restore` needs, after `complete`."""

@@ -24,7 +24,7 @@ p { margin: 6px 0; } .sub { color: #666; }
 .complete { background: #dff0e4; color: #145c2e; } .partial { background: #fbe1d6; color: #8a2b06; }
 .notes { background: #fff6e0; border-left: 4px solid #e0a500; padding: 8px 14px; margin: 14px 0; }
 .notes.bad { background: #fdeae2; border-color: #d55e00; } .notes ul { margin: 0; padding-left: 18px; }
-.tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(180px, 1fr)); gap: 10px; margin: 14px 0; }
+.tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(150px, 1fr)); gap: 10px; margin: 14px 0; }
 .tile { border: 1px solid #ddd; border-radius: 6px; padding: 8px 12px; } .tile b { display: block; font-size: 20px; }
 .tile span { color: #555; font-size: 13px; }
 .views { display: grid; grid-template-columns: repeat(auto-fill, minmax(300px, 1fr)); gap: 14px; }

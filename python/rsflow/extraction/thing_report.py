@@ -23,7 +23,7 @@ __all__ = ["thing_plots", "thing_table"]
 
 # Ways and rows that are shown: more would hide each other.
 _MOST_WAYS, _MOST_ROWS = 60, 40
-# The picture below the ways, at most so wide in pixels, and the quality of its JPEG.
+# The map of ways: its longer side in pixels at most, and the quality of the JPEG below them.
 _MAP_WIDTH, _MAP_QUALITY = 1000, 80
 
 
@@ -34,7 +34,7 @@ def thing_plots(outputs: Outputs, summary: Mapping[str, Any]) -> list[Plot]:
         return []
     still = bool(summary["camera_still"])
     unit, things = lasting(objects, ground=not still)
-    plots = [_ways(outputs, things, tuple(summary["size"]), still=still)] if things else []
+    plots = [_ways(outputs, things, tuple(summary["size"]))] if things else []
     x, x_label = abscissa(motion)
     plots.append(
         Plot(
@@ -55,33 +55,35 @@ def thing_plots(outputs: Outputs, summary: Mapping[str, Any]) -> list[Plot]:
     return plots
 
 
-def _ways(outputs: Outputs, things: list[Thing], size: tuple[int, ...], *, still: bool) -> Plot:
+def _ways(outputs: Outputs, things: list[Thing], size: tuple[int, ...]) -> Plot:
+    """Draw ways over the scene, in the picture of the first frame and what lies around it."""
     shown = things[:_MOST_WAYS]
-    ways = [(str(thing.id), _hex(drawing.distinct_color(thing.id)), thing.x, thing.y) for thing in shown]
-    caption = "Each from where it was seen first (ring) to where it was seen last (arrow), with its number."
+    caption = (
+        "Each from where it was seen first (ring) to where it was seen last (arrow), with its number, over the scene "
+        "without what moves, as the first frame shows it."
+    )
     if len(things) > len(shown):
         caption += f" The {len(shown)} of {len(things)} that were seen longest."
-    if still:
-        picture = None if outputs.views is None else outputs.views.background()
-        caption += " Below them is the scene without what moves."
-        return Plot(
-            "Where things went", map_plot(ways, _two(size), title="ways of things", picture=_url(picture)), caption
-        )
-    # With a camera that moves the places are in the picture of the first frame, and may lie beside it.
     x, y = np.concatenate([thing.x for thing in shown]), np.concatenate([thing.y for thing in shown])
     known = np.isfinite(x + y)
-    if not known.any():
-        return Plot("Where things went", map_plot([], _two(size), title="ways of things"), "Not known.")
-    margin = 0.05 * max(size)
-    left, top = min(float(x[known].min()) - margin, 0.0), min(float(y[known].min()) - margin, 0.0)
-    right, bottom = max(float(x[known].max()) + margin, size[0]), max(float(y[known].max()) + margin, size[1])
-    ways = [(name, color, way_x - left, way_y - top) for name, color, way_x, way_y in ways]
-    around = (math.ceil(right - left), math.ceil(bottom - top))
-    return Plot("Where things went", map_plot(ways, around, title="ways of things"), caption)
+    # A thing that is seen in part has its middle at the edge.
+    beyond = 0.03 * max(size)
+    left, right = _range(x[known], size[0], beyond)
+    top, bottom = _range(y[known], size[1], beyond)
+    scale = min(1.0, _MAP_WIDTH / max(right - left, bottom - top))
+    around = (max(1, round((right - left) * scale)), max(1, round((bottom - top) * scale)))
+    ways = [
+        (str(thing.id), _hex(drawing.distinct_color(thing.id)), (thing.x - left) * scale, (thing.y - top) * scale)
+        for thing in shown
+    ]
+    picture = None if outputs.views is None else outputs.views.ground((left, top), around, scale)
+    return Plot("Where things went", map_plot(ways, around, title="ways of things", picture=_url(picture)), caption)
 
 
-def _two(size: tuple[int, ...]) -> tuple[int, int]:
-    return int(size[0]), int(size[1])
+def _range(places: np.ndarray, length: int, beyond: float) -> tuple[float, float]:
+    """Give from where to where a map reaches: over the frame, and over what lies well beyond it."""
+    least, most = (float(places.min()), float(places.max())) if len(places) else (0.0, 0.0)
+    return (least - beyond if least < -beyond else 0.0), (most + beyond if most > length + beyond else float(length))
 
 
 def _speeds(objects: Series, motion: Series, ids: set[int], unit: str) -> Plot:
@@ -145,8 +147,5 @@ def _url(picture: Any) -> str | None:
 
     if picture is None:
         return None
-    if picture.shape[1] > _MAP_WIDTH:
-        height = max(1, round(picture.shape[0] * _MAP_WIDTH / picture.shape[1]))
-        picture = cv2.resize(picture, (_MAP_WIDTH, height), interpolation=cv2.INTER_AREA)
     done, data = cv2.imencode(".jpg", picture, (cv2.IMWRITE_JPEG_QUALITY, _MAP_QUALITY))
     return f"data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode('ascii')}" if done else None

@@ -262,6 +262,10 @@ class Views:
         """Give the static scene of all frames, after `drained`; None where there is none."""
         return self._pictures.background()
 
+    def ground(self, corner: tuple[float, float], size: tuple[int, int], scale: float) -> NDArray[np.uint8] | None:
+        """Give the scene as the first frame would show it, see `Pictures.ground`, after `drained`."""
+        return self._pictures.ground(corner, size, scale)
+
     def jpeg(self, name: str) -> bytes | None:
         """Give the picture of the report for one view."""
         import cv2

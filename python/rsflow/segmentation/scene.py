@@ -87,6 +87,8 @@ class StaticScene:
         self._waiting: deque[_Waiting] = deque()
         self._memory: SceneMemory | None = None
         self._to_canvas: F64 = np.eye(3)
+        # From the first frame, or the first after a cut.
+        self._first: F64 = np.eye(3)
         self._size = (0, 0)
         self._learned = self._since = 0
         self._level = 0.0
@@ -115,7 +117,8 @@ class StaticScene:
             # Nothing leads from what was before to here.
             ready = self.finish()
             self._size = (shown.shape[0], shown.shape[1])
-            self._memory, self._to_canvas, self._learned = SceneMemory(self._size), np.eye(3), 0
+            self._memory, self._to_canvas, self._first = SceneMemory(self._size), np.eye(3), np.eye(3)
+            self._learned = 0
         self._follow(seen)
         hidden = regions.dilated(seen.moving, 2 * self._rim() + 1)
         self._since += 1
@@ -150,11 +153,34 @@ class StaticScene:
             known = np.asarray(cv2.warpPerspective(known, back, size, flags=cv2.INTER_NEAREST), np.uint8)
         return picture, known > 0
 
+    def ground(self, corner: tuple[float, float], size: tuple[int, int], scale: float) -> tuple[U8, Mask] | None:
+        """Give the scene as the first frame would show it, and where it is known; None before a frame.
+
+        Parameters
+        ----------
+        corner : (x, y)
+            Upper left corner in pixels of the first frame; it may lie outside of it.
+        size : (width, height)
+            Of the picture.
+        scale : float
+            Pixels of the picture a pixel of the first frame.
+        """
+        import cv2
+
+        if self._memory is None:
+            return None
+        picture, known = self._memory.mostly()
+        placed = np.diag([scale, scale, 1.0]) @ _shift(-corner[0], -corner[1]) @ np.linalg.inv(self._first)
+        flags = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        picture = np.asarray(cv2.warpPerspective(picture, placed, size, flags=flags), np.uint8)
+        return picture, np.asarray(cv2.warpPerspective(known, placed, size, flags=cv2.INTER_NEAREST)) > 0
+
     def state(self) -> dict[str, Any]:
         """Give what `restore` needs to go on, but for the pictures that wait."""
         return {
             "planes": [] if self._memory is None else self._memory.planes(),
             "to_canvas": self._to_canvas,
+            "first": self._first,
             "size": self._size,
             "counts": (self._learned, self._since, self._level),
         }
@@ -168,7 +194,7 @@ class StaticScene:
             if [(plane.shape, plane.dtype) for plane in planes] != [(p.shape, p.dtype) for p in self._memory.planes()]:
                 raise ValueError("what was seen behind things is damaged")
             self._memory.replace(planes)
-        self._to_canvas, self._size = state["to_canvas"], tuple(state["size"])
+        self._to_canvas, self._first, self._size = state["to_canvas"], state["first"], tuple(state["size"])
         self._learned, self._since, self._level = state["counts"]
 
     def _follow(self, seen: MotionSegmentation) -> None:
@@ -203,6 +229,7 @@ class StaticScene:
         self._memory.replace([np.asarray(cv2.warpPerspective(plane, moved, size, flags=flags)) for plane in planes])
         for waiting in self._waiting:
             waiting.to_canvas = moved @ waiting.to_canvas
+        self._first = moved @ self._first
         self._to_canvas = placed
 
     def _learn(self, shown: U8, still: Mask) -> None:
