@@ -256,10 +256,7 @@ def test_unknown_and_partial_results_are_refused(here, capsys):
 
 
 OTHERS = {
-    "segment": (
-        ["segment", "{}", "-o", "out"],
-        {"moving.mp4", "static.mp4", "objects.csv", "objects.json", "paths.png"},
-    ),
+    "segment": (["segment", "{}", "-o", "out"], {"moving.mp4", "static.mp4", "objects.csv"}),
     "track": (["track", "{}", "-o", "out"], {"tracks.mp4", "tracks.csv"}),
     "velocity": (
         ["velocity", "{}", "-o", "out", *METRIC],

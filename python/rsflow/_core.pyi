@@ -166,7 +166,7 @@ class DenseFlow:
     def restore(self, state: dict[str, Any] | None) -> None: ...
 
 _Homography = list[list[float]]
-_Belief = tuple[list[float], float | None, float, bool, list[float]]
+_Belief = tuple[list[float], float | None, float, bool, bool, list[float], list[float], list[float]]
 
 def fit_camera(vectors: NDArray[np.float64], before: _Homography | None) -> tuple[_Homography, str, float, float]: ...
 def find_parallax(

@@ -7,8 +7,9 @@ use std::hint::black_box;
 use criterion::Criterion;
 use lk_core::{
     CornerDetector, CornerOptions, DenseFlow, DenseHints, DenseOptions, Distortion, Execution,
-    FlowField, Lens, Masks, PlaneInterval, PlaneOptions, PlaneTracker, Preset, ShiftOptions,
-    TrackOptions, detect_corners, estimate_shift, track_points,
+    FlowField, Lens, Masks, MotionVector, PlaneInterval, PlaneOptions, PlaneTracker, Preset,
+    ShiftOptions, TrackOptions, detect_corners, estimate_shift, find_parallax, fit_camera,
+    track_points,
 };
 use ndarray::Array2;
 
@@ -55,6 +56,37 @@ fn shifts(criterion: &mut Criterion) {
             timer.iter(|| black_box(run()));
         });
     }
+}
+
+/// Motion vectors of a camera that turns and travels, a tenth of them of boxes that are nearer.
+fn vectors(columns: usize, rows: usize) -> Vec<MotionVector> {
+    let places = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+    let vector = |(column, row): (usize, usize)| {
+        let x = 640.0 * (column as f64 + 0.5) / columns as f64;
+        let y = 480.0 * (row as f64 + 0.5) / rows as f64;
+        let near = x % 200.0 < 64.0 && y % 160.0 < 50.0;
+        let noise = |phase: f64| 0.1 * (12.9898 * x + 78.233 * y + phase).sin();
+        MotionVector {
+            x,
+            y,
+            u: if near { -6.0 } else { -4.0 } + noise(0.0),
+            v: 0.01 * x + noise(1.0),
+            covariance: [0.005, 0.0, 0.005],
+        }
+    };
+    places.map(vector).collect()
+}
+
+fn cameras(criterion: &mut Criterion) {
+    let few = vectors(25, 20);
+    let camera = fit_camera(&few, None);
+    criterion.bench_function("camera 500 vectors", |timer| {
+        timer.iter(|| black_box(fit_camera(&few, None)));
+    });
+    let many = vectors(60, 50);
+    criterion.bench_function("parallax 3000 vectors", |timer| {
+        timer.iter(|| black_box(find_parallax(&many, &camera, None)));
+    });
 }
 
 fn points(criterion: &mut Criterion) {
@@ -158,6 +190,7 @@ fn plane(criterion: &mut Criterion) {
 // Not criterion's macros: what they generate is public and has no documentation.
 fn main() {
     let mut criterion = Criterion::default().configure_from_args();
+    cameras(&mut criterion);
     shifts(&mut criterion);
     points(&mut criterion);
     dense(&mut criterion);

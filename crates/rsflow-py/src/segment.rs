@@ -16,21 +16,36 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
 
 type Homography = [[f64; 3]; 3];
 
-/// A `Parallax`: epipole, sign, belief, believed, seen.
-type Belief = ([f64; 3], Option<f64>, f64, bool, [f64; 2]);
+/// A `Parallax`: epipole, sign, belief, depth, believed, seen, turned, travel.
+type Belief = (
+    [f64; 3],
+    Option<f64>,
+    f64,
+    bool,
+    bool,
+    [f64; 2],
+    [f64; 2],
+    [f64; 3],
+);
 
 fn belief_of(parallax: &Parallax) -> Belief {
     let p = parallax;
-    (p.epipole, p.sign, p.belief, p.believed, p.seen)
+    (
+        p.epipole, p.sign, p.belief, p.depth, p.believed, p.seen, p.turned, p.travel,
+    )
 }
 
-fn parallax_of((epipole, sign, belief, believed, seen): Belief) -> Parallax {
+fn parallax_of(belief: Belief) -> Parallax {
+    let (epipole, sign, belief, depth, believed, seen, turned, travel) = belief;
     Parallax {
         epipole,
         sign,
         belief,
+        depth,
         believed,
         seen,
+        turned,
+        travel,
     }
 }
 

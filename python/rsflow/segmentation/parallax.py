@@ -39,25 +39,44 @@ class Parallax:
         seen or too few.
     belief : float
         Logarithm of the odds that the scene has depth.
+    depth : bool
+        Whether the scene is believed to have depth.
     believed : bool
-        Whether it is believed for this frame.
+        Whether that tells in this frame, in which the camera travelled.
     seen : tuple of float
         Things seen lately that moved away from the epipole, and towards it.
+    turned : tuple of float
+        The angle in radians by which things turned lately from where the plane's motion has the epipole, and its
+        inverse variance.
+    travel : tuple of float
+        The plane's own motion by the camera's travel at (x, y): ``travel[0] + travel[1] x + travel[2] y`` times the way
+        to the epipole.
     """
 
     epipole: tuple[float, ...]
     sign: float | None
     belief: float
+    depth: bool
     believed: bool
     seen: tuple[float, ...]
+    turned: tuple[float, ...]
+    travel: tuple[float, ...]
 
-    def _parts(self) -> tuple[list[float], float | None, float, bool, list[float]]:
-        return list(self.epipole), self.sign, self.belief, self.believed, list(self.seen)
+    def _parts(
+        self,
+    ) -> tuple[list[float], float | None, float, bool, bool, list[float], list[float], list[float]]:
+        seen, turned, travel = list(self.seen), list(self.turned), list(self.travel)
+        return list(self.epipole), self.sign, self.belief, self.depth, self.believed, seen, turned, travel
 
     def unexplained(self, residual: F32, small: Reduction) -> F32:
         """Give the part of a residual motion, of a frame that was reduced so, that depth cannot explain."""
+        k = small.factor
         epipole = tuple(float(part) for part in small.point(np.array(self.epipole)))
-        return _core.unexplained_motion(residual, dataclasses.replace(self, epipole=epipole)._parts())
+        # Pixel centres: x = X k + (k - 1) / 2; the way to the epipole is shorter by the factor, as motions are.
+        at, by_x, by_y = self.travel
+        travel = (at + (by_x + by_y) * (k - 1) / 2, by_x * k, by_y * k)
+        reduced = dataclasses.replace(self, epipole=epipole, travel=travel)
+        return _core.unexplained_motion(residual, reduced._parts())
 
 
 def find(
@@ -88,5 +107,5 @@ def find(
     )
     if found is None:
         return None
-    epipole, sign, belief, believed, seen = found
-    return Parallax(tuple(epipole), sign, belief, believed, tuple(seen))
+    epipole, sign, belief, depth, believed, seen, turned, travel = found
+    return Parallax(tuple(epipole), sign, belief, depth, believed, tuple(seen), tuple(turned), tuple(travel))

@@ -16,11 +16,12 @@ const STILL: f64 = 0.6;
 const OTHER_SIDE: f64 = 0.02;
 /// What it costs, in logarithms of odds, that still things are on both sides of the plane, or behind it.
 const BOTH_SIDES: f64 = 0.7;
-const BEHIND: f64 = 1.5;
+const BEHIND: f64 = 2.5;
 /// A still thing moves against the plane by at most this part of what the plane does by the camera's travel, both
 /// along the line: its distance is a third of the plane's then. Behind the plane it is at most at infinity.
 const NEAREST: f64 = 2.0;
-/// Most things are not higher than two fifths of the plane's distance: beyond that ratio depth is that much rarer.
+/// Most things are not higher than two fifths of the plane's distance, or as far again behind it as twice that: beyond
+/// that ratio depth is that much rarer.
 const USUAL: f64 = 0.7;
 const RARER: f64 = 0.2;
 /// Of so many cells of a thing one errs by itself, and at most so many do. Beyond so many times its variance the angle
@@ -28,14 +29,20 @@ const RARER: f64 = 0.2;
 const ALIKE_CELLS: f64 = 2.0;
 const MOST_ALONE: f64 = 6.0;
 const MOST_SCATTER: f64 = 3.0;
-/// A thing of fewer cells says less.
-const CELLS: f64 = 3.0;
+/// All of a thing's flow errs alike by this much, in pixels, in one frame.
+const THING_STD_PX: f64 = 0.08;
+/// A thing of fewer cells, and one that moves less than so many pixels against the plane, says less: where texture is weak
+/// flow errs along the motion of the plane.
+const WEAK_PX: f64 = 0.5;
+const CELLS: f64 = 4.0;
 /// Where the epipole may be.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Candidate {
     pub(super) point: Point,
     /// Whether it is from the plane's motion: then no thing was used up to find it.
     pub(super) by_plane: bool,
+    /// Whether the scene is known to have depth: a camera that turns as well may hide its travel in a frame.
+    pub(super) known: bool,
 }
 
 /// How things agree with an epipole.
@@ -45,6 +52,8 @@ pub(super) struct Agreement {
     pub(super) said: f64,
     /// Of each thing, whether it is more likely still.
     pub(super) agrees: Vec<bool>,
+    /// The angle by which things that may be still turn from their lines, and its inverse variance.
+    pub(super) turned: [f64; 2],
 }
 
 impl Agreement {
@@ -75,6 +84,10 @@ struct Sums {
     length: f64,
     variance: f64,
     vague: f64,
+    /// Variance, in units squared, of what all cells of a thing err alike.
+    alike: f64,
+    /// A motion of less than this, in units squared, says less.
+    weak: f64,
     along: f64,
     travel: f64,
     cells: f64,
@@ -98,35 +111,73 @@ impl Sums {
         self.cells += 1.0;
     }
 
-    /// Logarithms of the odds that the thing is still, where still things are nearer, behind, and both.
-    fn odds(&self, angle: f64) -> [f64; 3] {
-        let ratio = self.along / self.travel;
+    /// How far the thing goes against the plane by what the plane does by the camera's travel.
+    fn ratio(&self) -> f64 {
+        self.along / self.travel
+    }
+
+    /// The angle by which it turns from its line, and the inverse variance of that.
+    fn turn(&self) -> [f64; 2] {
         // Flow errs alike in neighbouring cells.
+        let alone = (self.cells / ALIKE_CELLS).clamp(1.0, MOST_ALONE);
         let single = (self.variance + self.vague) / self.length;
-        let variance = single / (self.cells / ALIKE_CELLS).clamp(1.0, MOST_ALONE) + angle * angle;
-        let turned = self.turned / self.length;
+        let alike = self.alike * self.cells / self.length;
+        [self.turned / self.length, 1.0 / (single / alone + alike)]
+    }
+
+    /// Whether it may be still and nearer than the plane, as far as its angle tells.
+    fn may_be_still(&self, angle: f64) -> bool {
+        let [turned, weight] = self.turn();
+        let ratio = self.ratio();
+        ratio > 0.0 && ratio < USUAL && turned * turned < 9.0 * (1.0 / weight + angle * angle)
+    }
+
+    /// Logarithms of the odds that the thing is still, where still things are nearer, behind, and both.
+    fn odds(&self, angle: f64, before: [f64; 2], known: bool) -> [f64; 3] {
+        let ratio = self.ratio();
+        let [mut turned, mut weight] = self.turn();
+        if self.may_be_still(angle) {
+            // Errors of one frame are not those of another: over frames the angle is surer.
+            turned = (weight * turned + before[1] * before[0]) / (weight + before[1]);
+            weight += before[1];
+        }
+        let variance = 1.0 / weight + angle * angle;
+        let single = (self.variance + self.vague) / self.length;
         let scatter = self.across / self.length / (single + angle * angle);
         let error = turned * turned / variance + (scatter - MOST_SCATTER).max(0.0);
         // The density of the angle beside one that is like everywhere on the circle.
         let density = TAU / (TAU * variance).sqrt() * (-0.5 * error).exp();
         let density = match ratio {
-            ratio if ratio > -1.0 && ratio < USUAL => density,
-            ratio if ratio > 0.0 && ratio < NEAREST => RARER * density,
+            ratio if ratio > -USUAL && ratio < USUAL => density,
+            ratio if known || (ratio > -1.0 && ratio < NEAREST) => RARER * density,
             _ => 0.0,
         };
         let nearer = ratio > 0.0;
         let one_side = |this: bool| if this { STILL } else { OTHER_SIDE };
         let shares = [one_side(nearer), one_side(!nearer), STILL / 2.0];
-        let say = (self.cells / CELLS).min(1.0);
+        let say = (self.cells / CELLS).min(1.0) * (self.length / self.cells / self.weak).min(1.0);
         shares.map(|share| say * (share * density + 1.0 - STILL).ln())
     }
 }
 
 /// How things agree with a candidate.
-pub(super) fn agreement(things: &Things, travel: &Travel, candidate: &Candidate) -> Agreement {
+///
+/// `before` is the angle by which things turned from their lines in frames before, and its inverse variance; it counts
+/// for the point that the plane's motion tells.
+pub(super) fn agreement(
+    things: &Things,
+    travel: &Travel,
+    candidate: &Candidate,
+    before: [f64; 2],
+) -> Agreement {
     let point = &candidate.point;
     let by_distance = travel.toward(point);
-    let mut sums = vec![Sums::default(); things.count];
+    let none = Sums {
+        alike: (THING_STD_PX / things.size).powi(2),
+        weak: (WEAK_PX / things.size).powi(2),
+        ..Sums::default()
+    };
+    let mut sums = vec![none; things.count];
     for cell in &things.cells {
         sums[cell.thing].add(cell, point, &by_distance);
     }
@@ -135,10 +186,22 @@ pub(super) fn agreement(things: &Things, travel: &Travel, candidate: &Candidate)
     } else {
         ANGLE
     };
-    let odds: Vec<[f64; 3]> = sums.iter().map(|sums| sums.odds(angle)).collect();
+    let before = if candidate.by_plane { before } else { [0.0; 2] };
+    let odds: Vec<[f64; 3]> = sums
+        .iter()
+        .map(|sums| sums.odds(angle, before, candidate.known))
+        .collect();
+    let turns = sums
+        .iter()
+        .filter(|sums| sums.may_be_still(angle))
+        .map(Sums::turn);
+    let [turned, weight] = turns.fold([0.0; 2], |sum, [turned, weight]| {
+        [sum[0] + weight * turned, sum[1] + weight]
+    });
     let mut best = Agreement {
         said: f64::NEG_INFINITY,
         agrees: Vec::new(),
+        turned: [turned / weight.max(1e-12), weight],
     };
     for (side, cost) in [0.0, BEHIND, BOTH_SIDES].into_iter().enumerate() {
         let mut said: f64 = odds.iter().map(|odds| odds[side]).sum::<f64>() - cost;

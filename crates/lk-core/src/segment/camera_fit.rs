@@ -22,13 +22,13 @@ const START_ROUNDS: usize = 3;
 const ROUNDS: usize = 4;
 /// Squared deviations from which a loss grows slowly: that of a start, and that of a refined one.
 const START_SLOW: f64 = 16.0;
-const SLOW: f64 = 4.0;
+const SLOW: f64 = 9.0;
 /// The scale is that of this share of the vectors: fewer follow nothing else.
 const SCALE_SHARE: f64 = 0.35;
 /// What a plane gains, beside the mean loss, by the logarithm of the area that its vectors span, and by going on as
 /// before, within a pixel or this share of the motion.
-const SPREAD_GAIN: f64 = 0.25;
-const BEFORE_GAIN: f64 = 0.15;
+const SPREAD_GAIN: f64 = 0.1;
+const BEFORE_GAIN: f64 = 0.05;
 const BEFORE_SHARE: f64 = 0.25;
 
 /// The rows, and memory for the rounds.
@@ -75,7 +75,9 @@ impl<'a> Fit<'a> {
             }
         }
         losses.truncate(starts.len() * few);
-        let mut best: Option<(f64, Map)> = None;
+        let mut maps: Vec<Map> = Vec::with_capacity(STARTS);
+        // The noise is what the best leaves, where that is more than the covariances say.
+        let mut noise = f64::INFINITY;
         // What a start explains has no say in the choice of the next one, or all would be of the same plane.
         let mut left = vec![1.0; few];
         for _ in 0..STARTS {
@@ -90,12 +92,16 @@ impl<'a> Fit<'a> {
                 *left *= loss;
             }
             let map = self.refined(starts[chosen], CameraModel::Homography, START_ROUNDS, few);
-            let merit = self.merit(&map, before, few);
-            if best.is_none_or(|(most, _)| merit > most) {
-                best = Some((merit, map));
-            }
+            maps.push(map);
+            noise = noise.min(self.scale(&map, few));
         }
-        best.map_or(IDENTITY, |(_, map)| map)
+        let slow = SLOW * noise.max(1.0);
+        let merits: Vec<f64> = maps
+            .iter()
+            .map(|map| self.merit(map, before, slow, few))
+            .collect();
+        let best = merits.iter().zip(&maps).max_by(|a, b| a.0.total_cmp(b.0));
+        best.map_or(IDENTITY, |(_, map)| *map)
     }
 
     /// Keep the best starts by a few rows.
@@ -130,18 +136,18 @@ impl<'a> Fit<'a> {
     }
 
     /// How well a map explains the frame: the mean of a slow loss, less for vectors that stand close together.
-    fn merit(&mut self, map: &Map, before: Option<&Map>, few: usize) -> f64 {
+    fn merit(&mut self, map: &Map, before: Option<&Map>, slow: f64, few: usize) -> f64 {
         self.rows.squares(map, &mut self.squares[..few]);
         let (mut loss, mut whole) = (0.0, 0.0);
         let (mut inside, mut all) = (Moments::default(), Moments::default());
         for (k, square) in self.squares[..few].iter().enumerate() {
             let area = self.rows.area[k];
-            loss += area * (1.0 + square / SLOW).ln();
+            loss += area * square / (square + slow);
             whole += area;
             inside.add(
                 self.rows.x[k],
                 self.rows.y[k],
-                area / (1.0 + square / BOUND),
+                area * slow / (square + slow),
             );
             all.add(self.rows.x[k], self.rows.y[k], area);
         }
@@ -175,13 +181,17 @@ impl<'a> Fit<'a> {
         map
     }
 
-    fn weigh(&mut self, map: &Map, few: usize) {
+    /// The variance of the residuals to a map, in those that they came with.
+    fn scale(&mut self, map: &Map, few: usize) -> f64 {
         self.rows.squares(map, &mut self.squares[..few]);
         self.sorted[..few].copy_from_slice(&self.squares[..few]);
         let middle = quantile(&mut self.sorted[..few], SCALE_SHARE);
-        // Squares of two normal components: -2 ln (1 - share). No less than the rows' own covariance floor allows.
-        let scale = (middle / (-2.0 * (1.0 - SCALE_SHARE).ln())).max(1e-4);
-        let most = 1.0 / (TUKEY * TUKEY * scale);
+        // Squares of two normal components: -2 ln (1 - share). No less than what the covariances have at least.
+        (middle / (-2.0 * (1.0 - SCALE_SHARE).ln())).max(1e-4)
+    }
+
+    fn weigh(&mut self, map: &Map, few: usize) {
+        let most = 1.0 / (TUKEY * TUKEY * self.scale(map, few));
         for ((weight, square), area) in self.weights[..few]
             .iter_mut()
             .zip(&self.squares)

@@ -39,6 +39,9 @@ pub(super) struct Rows {
     pub(super) centre: [f64; 2],
     /// Pixels of a unit.
     pub(super) size: f64,
+    /// The rectangle over which the vectors stand.
+    pub(super) low: [f64; 2],
+    pub(super) high: [f64; 2],
 }
 
 impl Rows {
@@ -73,22 +76,35 @@ impl Rows {
         };
         let mut counts = [0_usize; TILES * TILES];
         // The how-manieth of its tile each is: in this order they are taken.
-        let mut order: Vec<(usize, usize, usize)> = mixed(vectors.len())
+        let ranked: Vec<(usize, usize, usize)> = mixed(vectors.len())
             .map(|k| {
                 let tile = tile(vectors[k]);
                 counts[tile] += 1;
-                (counts[tile], tile, k)
+                (counts[tile] - 1, tile, k)
             })
             .collect();
-        order.sort_unstable();
+        let mut starts = vec![0_usize; vectors.len() + 1];
+        for &(rank, _, _) in &ranked {
+            starts[rank + 1] += 1;
+        }
+        for k in 1..starts.len() {
+            starts[k] += starts[k - 1];
+        }
+        let mut order = vec![(0_usize, 0_usize); vectors.len()];
+        for (rank, tile, k) in ranked {
+            order[starts[rank]] = (tile, k);
+            starts[rank] += 1;
+        }
         let filled = counts.iter().filter(|&&count| count > 0).count().max(1) as f64;
         let usual = count / filled;
         let mut rows = Self {
             centre,
             size,
+            low: [0, 1].map(|k: usize| (low[k] - centre[k]) / size),
+            high: [0, 1].map(|k: usize| (high[k] - centre[k]) / size),
             ..Self::default()
         };
-        for (_, tile, k) in order {
+        for (tile, k) in order {
             rows.push(vectors[k], (usual / counts[tile] as f64).min(1.0));
         }
         rows

@@ -4,11 +4,11 @@
 
 use super::camera_rows::{Map, NUMBERS, Rows};
 
-/// Whether all vectors are in front of the camera's picture plane after a map.
+/// Whether the rectangle over which vectors stand is in front of the camera's picture plane after a map.
 pub(super) fn in_front(map: &Map, rows: &Rows) -> bool {
-    rows.x
-        .iter()
-        .zip(&rows.y)
+    let ([left, top], [right, bottom]) = (rows.low, rows.high);
+    [(left, top), (right, top), (left, bottom), (right, bottom)]
+        .into_iter()
         .all(|(x, y)| map[6] * x + map[7] * y + 1.0 > 0.2)
 }
 

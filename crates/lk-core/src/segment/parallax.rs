@@ -15,6 +15,14 @@ use super::travel::Travel;
 
 /// A camera whose picture moves less than this, in pixels, does not travel.
 const LEAST_TRAVEL_PX: f64 = 0.3;
+/// A still thing moves against the plane by at most this part of what the plane does by the camera's travel, where the
+/// flow is exact: it is at a quarter of the plane's distance then. Behind the plane it is at most at infinity, at -1.
+const NEAREST_TOLD: f64 = 3.0;
+const BEYOND: f64 = -1.3;
+/// How much of a frame's travel is taken over.
+const TRAVEL_GAIN: f64 = 0.3;
+/// Angles of frames before are worth so much less with each frame.
+const TURN_MEMORY: f64 = 0.85;
 /// How much of what one frame says is taken over into the belief, and the most that one frame can say.
 const GAIN: f64 = 0.5;
 const MOST_SAID: f64 = 4.0;
@@ -23,15 +31,19 @@ const FADING: f64 = 0.98;
 /// Logarithms of the odds at which depth begins and ceases to be believed.
 const BELIEVED: f64 = 1.5;
 const DOUBTED: f64 = 0.3;
+/// What must have been believed already after the frame before: one frame alone is not enough.
+const BEGINS: f64 = 0.5;
 /// Which way still things move is remembered for about ten frames; it is known from so many things, where at most this
 /// share as many moved the other way.
 const MEMORY: f64 = 0.9;
 const SIGN_THINGS: f64 = 3.0;
 const SIGN_SHARE: f64 = 0.34;
+/// Two epipoles are the same where the cosine between them, about a picture of unit size, is more than this.
+const SAME: f64 = 0.85;
 /// The largest things whose lines are crossed for candidates.
 const CROSSED: usize = 14;
 /// Standard deviations of a refined epipole, as an angle, around where the plane's motion and the frame before have it.
-const BY_PLANE_STD: f64 = 0.1;
+const BY_PLANE_STD: f64 = 0.04;
 const BEFORE_STD: f64 = 0.05;
 
 /// What is believed of the parallax of a scene. Give it back with the next frame: the belief grows and fades over frames.
@@ -44,15 +56,24 @@ pub struct Parallax {
     pub sign: Option<f64>,
     /// Logarithm of the odds that the scene has depth, over the frames so far.
     pub belief: f64,
-    /// Whether it is believed for this frame: else nothing is to be explained by depth.
+    /// Whether the scene is believed to have depth.
+    pub depth: bool,
+    /// Whether that tells in this frame, in which the camera travelled: else nothing is to be explained by depth.
     pub believed: bool,
     /// Things seen lately that moved away from the epipole, and towards it.
     pub seen: [f64; 2],
+    /// The angle in radians by which things turned lately from where the plane's motion has the epipole, and its inverse
+    /// variance.
+    pub turned: [f64; 2],
+    /// The plane's own motion by the camera's travel at (x, y) of `next`, as a share of the way to the epipole:
+    /// `travel[0] + travel[1] * x + travel[2] * y` times `epipole.xy - epipole.w * (x, y)`, in pixels.
+    pub travel: [f64; 3],
 }
 
 impl Parallax {
     /// The part of a residual motion, `next` against the plane, at a place of `next` that depth cannot explain: what is
-    /// across the line to the epipole, and all of it where it is along the line in the impossible direction.
+    /// across the line to the epipole, and all of it where it is along the line in the impossible direction, or further
+    /// than if it were at a quarter of the plane's distance or beyond infinity.
     #[must_use]
     #[inline]
     pub fn unexplained(&self, place: [f64; 2], residual: [f64; 2]) -> [f64; 2] {
@@ -68,10 +89,26 @@ impl Parallax {
         if self.sign.is_some_and(|sign| sign * along > 0.0) {
             return residual;
         }
+        let length = square.sqrt();
+        let travel = self.travel[0] + self.travel[1] * place[0] + self.travel[2] * place[1];
+        // Where the plane itself hardly moves by the travel, errors of both decide.
+        let travel = travel.signum() * (travel.abs() * length).max(LEAST_TRAVEL_PX);
+        let ratio = along * length / travel;
+        if !(BEYOND..NEAREST_TOLD).contains(&ratio) {
+            return residual;
+        }
         [
             residual[0] - along * toward[0],
             residual[1] - along * toward[1],
         ]
+    }
+
+    /// The belief after a frame in which the camera rested and things moved: these are not still.
+    fn rested(self) -> Self {
+        let mut now = self.faded(false);
+        now.belief += GAIN * (-1.0 - now.belief).min(0.0);
+        now.depth &= now.belief > DOUBTED;
+        now
     }
 
     /// The same belief, a little less, of a frame that says nothing.
@@ -94,75 +131,113 @@ pub fn find_parallax(
     }
     let things = Things::of(vectors, camera);
     let travel = Travel::of(camera, &things);
-    let was = before.is_some_and(|before| before.believed || before.belief > BELIEVED);
+    let was = before.is_some_and(|before| before.depth);
     if things.count == 0 {
         return before.map(|before| before.faded(was && travel.length_px > LEAST_TRAVEL_PX));
     }
     if travel.length_px < LEAST_TRAVEL_PX {
-        // What moves now is not still.
-        return before.map(|before| {
-            let mut now = before.faded(false);
-            now.belief += GAIN * (-1.0 - now.belief).min(0.0);
-            now
-        });
+        return before.map(|before| before.rested());
     }
     let known = before.and_then(|before| to_unit(&before.epipole, &things));
-    let best = best(&things, &travel, known.as_ref());
-    let belief = before.map_or(0.0, |before| before.belief);
-    let (Some((candidate, found)), said) = (&best, best.as_ref().map_or(-1.0, |b| b.1.said)) else {
+    let turned = before.map_or([0.0; 2], |b| [b.turned[0], TURN_MEMORY * b.turned[1]]);
+    let by_plane = nearest(travel.lines.iter(), None, None).map(|point| travel.oriented(point));
+    let by_plane = by_plane.map(|point| judged(&things, &travel, [true, was], point, turned));
+    let now = by_plane
+        .as_ref()
+        .map_or([0.0; 2], |(_, found)| found.turned);
+    let others = best(&things, &travel, known.as_ref(), was);
+    let of = |judged: &Judged| judged.1.said;
+    let best = [by_plane, others].into_iter().flatten();
+    let Some((candidate, found)) = best.max_by(|a, b| of(a).total_cmp(&of(b))) else {
         return before.map(|before| before.faded(was));
     };
-    let belief = belief + GAIN * (said.clamp(-MOST_SAID, MOST_SAID) - belief);
-    let believed = belief > if was { DOUBTED } else { BELIEVED };
     // What is said against depth says nothing of where its epipole is.
-    let keeps = was && said < DOUBTED;
-    let mut point = match (&known, keeps) {
-        (Some(known), true) => *known,
-        _ => refined(&things, candidate, found, known.as_ref().filter(|_| was)),
+    let point = match &known {
+        Some(known) if was && found.said < DOUBTED => *known,
+        _ => refined(&things, &candidate, &found, known.as_ref().filter(|_| was)),
     };
-    let mut seen = before.map_or([0.0; 2], |before| before.seen.map(|sum| MEMORY * sum));
-    if let Some(known) = &known
-        && dot(known, &point) < 0.0
-    {
-        point = point.map(|part| -part);
-    }
-    if said > 0.0 {
+    // The same way round as before; a point elsewhere has not been seen from.
+    let near = known.map_or(0.0, |known| dot(&known, &point));
+    let point = if near < 0.0 {
+        point.map(|part| -part)
+    } else {
+        point
+    };
+    let same = near.abs() > SAME;
+    // A belief is in one epipole: in favour of another it says nothing.
+    let old = before.map_or(0.0, |before| before.belief);
+    let old = if same { old } else { old.min(0.0) };
+    let belief = old + GAIN * (found.said.clamp(-MOST_SAID, MOST_SAID) - old);
+    let depth = if was {
+        belief > DOUBTED
+    } else {
+        belief > BELIEVED && old > BEGINS
+    };
+    let keeps = if same { MEMORY } else { 0.0 };
+    let mut seen = before.map_or([0.0; 2], |before| before.seen.map(|sum| keeps * sum));
+    if found.said > 0.0 {
         let sums = found.directions(&things, &point);
         seen = [seen[0] + sums[0], seen[1] + sums[1]];
     }
-    let sign = match seen {
-        [away, to] if away >= SIGN_THINGS && to <= SIGN_SHARE * away => Some(1.0),
-        [away, to] if to >= SIGN_THINGS && away <= SIGN_SHARE * to => Some(-1.0),
-        _ => None,
-    };
+    let weight = turned[1] + now[1];
+    let angle = (turned[0] * turned[1] + now[0] * now[1]) / weight.max(1e-12);
+    let (epipole, mut by_distance) = to_pixels(&point, &travel.toward(&point), &things)?;
+    if let Some(before) = before.filter(|before| before.depth && same) {
+        // A camera that turns as well may hide its travel in a frame.
+        for (now, old) in by_distance.iter_mut().zip(before.travel) {
+            *now = old + TRAVEL_GAIN * (*now - old);
+        }
+    }
     Some(Parallax {
-        epipole: to_pixels(&point, &things)?,
-        sign,
+        epipole,
+        sign: sign_of(seen),
         belief,
-        believed,
+        depth,
+        believed: depth,
         seen,
+        turned: [angle, weight],
+        travel: by_distance,
     })
 }
 
-/// The candidate that explains most, and what it explains.
-fn best(things: &Things, travel: &Travel, known: Option<&Point>) -> Option<(Candidate, Agreement)> {
-    let mut candidates: Vec<Candidate> = Vec::new();
-    let mut add = |point: Option<Point>, by_plane: bool| {
-        candidates.extend(point.map(|point| Candidate { point, by_plane }));
-    };
-    add(nearest(travel.lines.iter(), None, None), true);
-    add(known.copied(), false);
-    let lines = mean_lines(things);
-    for (i, a) in lines.iter().enumerate() {
-        for b in &lines[..i] {
-            add(crossing(a, b), false);
-        }
+fn sign_of(seen: [f64; 2]) -> Option<f64> {
+    match seen {
+        [away, to] if away >= SIGN_THINGS && to <= SIGN_SHARE * away => Some(1.0),
+        [away, to] if to >= SIGN_THINGS && away <= SIGN_SHARE * to => Some(-1.0),
+        _ => None,
     }
+}
+
+type Judged = (Candidate, Agreement);
+
+fn judged(
+    things: &Things,
+    travel: &Travel,
+    [by_plane, known]: [bool; 2],
+    point: Point,
+    turned: [f64; 2],
+) -> Judged {
+    let candidate = Candidate {
+        point,
+        by_plane,
+        known,
+    };
+    let found = agreement(things, travel, &candidate, turned);
+    (candidate, found)
+}
+
+/// The candidate that explains most among those that things tell, and what it explains.
+fn best(things: &Things, travel: &Travel, known: Option<&Point>, was: bool) -> Option<Judged> {
+    let lines = mean_lines(things);
     let all: Vec<Line> = things.cells.iter().map(Line::of).collect();
-    add(nearest(all.iter(), None, None), false);
-    candidates
+    let mut points: Vec<Point> = known.copied().into_iter().collect();
+    points.extend(nearest(all.iter(), None, None));
+    for (i, a) in lines.iter().enumerate() {
+        points.extend(lines[..i].iter().filter_map(|b| crossing(a, b)));
+    }
+    points
         .into_iter()
-        .map(|candidate| (candidate, agreement(things, travel, &candidate)))
+        .map(|point| judged(things, travel, [false, was], point, [0.0; 2]))
         .max_by(|a, b| a.1.said.total_cmp(&b.1.said))
 }
 
@@ -218,11 +293,16 @@ fn to_unit(point: &Point, things: &Things) -> Option<Point> {
     ])
 }
 
-fn to_pixels(point: &Point, things: &Things) -> Option<Point> {
-    let [x, y, w] = *point;
-    normalised([
-        x * things.size + things.centre[0] * w,
-        y * things.size + things.centre[1] * w,
-        w,
-    ])
+/// A point in pixels, and the travel towards it for that.
+fn to_pixels(
+    point: &Point,
+    [at, by_x, by_y]: &[f64; 3],
+    things: &Things,
+) -> Option<(Point, [f64; 3])> {
+    let ([x, y, w], [cx, cy], size) = (*point, things.centre, things.size);
+    let whole = [x * size + cx * w, y * size + cy * w, w];
+    let length = dot(&whole, &whole).sqrt();
+    let [by_x, by_y] = [by_x / size, by_y / size];
+    let travel = [at - by_x * cx - by_y * cy, by_x, by_y].map(|part| part * length);
+    normalised(whole).map(|point| (point, travel))
 }

@@ -6,6 +6,8 @@ use super::camera::CameraMotion;
 /// Beyond this many squared deviations (99.9 % of two normal components), and pixels, a vector is off the plane.
 const OFF: f64 = 13.69;
 const LEAST_OFF_PX: f64 = 0.2;
+/// The most that a covariance counts, as a standard deviation in pixels.
+const MOST_STD_PX: f64 = 0.12;
 /// Vectors of a cell, about, and cells at most.
 const VECTORS_A_CELL: f64 = 6.0;
 const MOST_CELLS: f64 = 432.0;
@@ -19,6 +21,12 @@ const CELL_STD_PX: f64 = 0.1;
 /// Neighbouring cells are of one thing where their motions differ by less than this share of them, and pixels.
 const ALIKE_SHARE: f64 = 0.35;
 const ALIKE_PX: f64 = 0.3;
+/// Or where they go the same way within 14 degrees.
+const ALIKE_COSINE: f64 = 0.97;
+/// Surroundings of a thing are within so many cells of it, move less by this factor, and have not so many times its cells.
+const REACH: usize = 2;
+const FURTHER: f64 = 1.4;
+const LARGER: f64 = 2.0;
 
 /// A cell of a thing.
 #[derive(Debug, Clone, Copy)]
@@ -31,6 +39,8 @@ pub(super) struct Cell {
     pub(super) variance: f64,
     /// Which thing it is of.
     pub(super) thing: usize,
+    /// Where it is in the grid of cells.
+    at: usize,
 }
 
 /// What is off the plane, in coordinates of about unit size.
@@ -38,6 +48,9 @@ pub(super) struct Cell {
 pub(super) struct Things {
     pub(super) cells: Vec<Cell>,
     pub(super) count: usize,
+    /// Of each thing, whether it is no more than the surroundings of one that moves further: windows of a flow reach
+    /// over its edges.
+    pub(super) surrounds: Vec<bool>,
     pub(super) centre: [f64; 2],
     /// Pixels of a unit.
     pub(super) size: f64,
@@ -80,6 +93,7 @@ impl Things {
         let mut things = Self {
             cells: Vec::new(),
             count: 0,
+            surrounds: Vec::new(),
             centre,
             size,
             reach: half.map(|half| half / size),
@@ -108,31 +122,25 @@ impl Things {
                 motion: mean.map(|mean| mean / self.size),
                 variance: variance / (self.size * self.size),
                 thing: self.cells.len(),
+                at: k,
             });
         }
         // The lowest number of a group stands for it.
         let mut root: Vec<usize> = (0..self.cells.len()).collect();
         for k in 0..sums.len() {
-            let column = k % columns;
-            let neighbours = [
-                (column > 0).then(|| k.wrapping_sub(1)),
-                Some(k.wrapping_sub(columns)),
-                (column > 0).then(|| k.wrapping_sub(columns + 1)),
-                (column + 1 < columns).then(|| k.wrapping_sub(columns - 1)),
-            ];
-            for other in neighbours.into_iter().flatten() {
-                let Some(&other) = number.get(other) else {
-                    continue;
-                };
-                let this = number[k];
-                if this == usize::MAX
-                    || other == usize::MAX
-                    || !alike(&self.cells[this], &self.cells[other], self.size)
-                {
-                    continue;
+            if number[k] == usize::MAX {
+                continue;
+            }
+            let (row, column) = (k / columns, k % columns);
+            for other_row in row.saturating_sub(1)..=row {
+                for other_column in column.saturating_sub(1)..=(column + 1).min(columns - 1) {
+                    let other = number[other_row * columns + other_column];
+                    let this = number[k];
+                    if other < this && alike(&self.cells[this], &self.cells[other], self.size) {
+                        let (a, b) = (found(&root, this), found(&root, other));
+                        root[a.max(b)] = a.min(b);
+                    }
                 }
-                let (a, b) = (found(&root, this), found(&root, other));
-                root[a.max(b)] = a.min(b);
             }
         }
         let mut names = vec![usize::MAX; root.len()];
@@ -145,6 +153,35 @@ impl Things {
             self.cells[k].thing = names[top];
         }
         self.drop_single(&mut names);
+        self.find_surroundings(sums.len(), columns);
+    }
+
+    /// Tell things that are beside one that moves further, and not larger.
+    fn find_surroundings(&mut self, cells: usize, columns: usize) {
+        let mut grid = vec![usize::MAX; cells];
+        let mut sums = vec![(0.0_f64, 0.0_f64); self.count];
+        for cell in &self.cells {
+            grid[cell.at] = cell.thing;
+            let (length, count) = &mut sums[cell.thing];
+            *length += cell.motion[0].hypot(cell.motion[1]);
+            *count += 1.0;
+        }
+        self.surrounds = vec![false; self.count];
+        for cell in &self.cells {
+            let (row, column) = (cell.at / columns, cell.at % columns);
+            for other_row in row.saturating_sub(REACH)..=(row + REACH).min(cells / columns - 1) {
+                for other_column in column.saturating_sub(REACH)..=(column + REACH).min(columns - 1)
+                {
+                    let other = grid[other_row * columns + other_column];
+                    if other == usize::MAX || other == cell.thing {
+                        continue;
+                    }
+                    let ((length, count), (further, by)) = (sums[cell.thing], sums[other]);
+                    self.surrounds[cell.thing] |=
+                        further / by > FURTHER * length / count && count < LARGER * by;
+                }
+            }
+        }
     }
 
     /// Leave out things of one cell: edges of motion, where flow is of neither side.
@@ -173,7 +210,10 @@ fn add(sums: &mut Sums, v: &MotionVector, camera: &CameraMotion) {
     let [x, y] = camera.applied(v.x, v.y);
     let motion = [v.x + v.u - x, v.y + v.v - y];
     let common = camera.sigma_px * camera.sigma_px;
-    let [xx, xy, yy] = v.covariance;
+    // Beside an edge of motion a covariance has to cover both sides, but the vector is of one of them.
+    let largest = v.covariance[0].max(v.covariance[2]);
+    let scale = (MOST_STD_PX * MOST_STD_PX / largest).min(1.0);
+    let [xx, xy, yy] = v.covariance.map(|part| scale * part);
     let (xx, yy) = (xx.max(0.0) + common, yy.max(0.0) + common);
     let determinant = xx * yy - xy * xy;
     let square = motion[0] * motion[0] + motion[1] * motion[1];
@@ -199,10 +239,14 @@ fn add(sums: &mut Sums, v: &MotionVector, camera: &CameraMotion) {
     }
 }
 
+/// Whether two cells may be of one thing: they move alike, or the same way, as do the surroundings of a thing into which
+/// the windows of a flow reach.
 fn alike(a: &Cell, b: &Cell, size: f64) -> bool {
     let apart = (a.motion[0] - b.motion[0]).hypot(a.motion[1] - b.motion[1]);
-    let length = a.motion[0].hypot(a.motion[1]) + b.motion[0].hypot(b.motion[1]);
-    apart < (ALIKE_SHARE * length / 2.0).max(ALIKE_PX / size)
+    let lengths = [a, b].map(|cell| cell.motion[0].hypot(cell.motion[1]));
+    let along = a.motion[0] * b.motion[0] + a.motion[1] * b.motion[1];
+    apart < (ALIKE_SHARE * f64::midpoint(lengths[0], lengths[1])).max(ALIKE_PX / size)
+        || along > ALIKE_COSINE * lengths[0] * lengths[1]
 }
 
 fn found(root: &[usize], mut at: usize) -> usize {

@@ -75,4 +75,17 @@ impl Travel {
         }
         solved(normal, right).map_or([0.0; 3], |solved| [solved[0], solved[1], solved[2]])
     }
+
+    /// A point the way round that the plane moves towards it.
+    pub(super) fn oriented(&self, point: Point) -> Point {
+        let along = |line: &Line| {
+            let [x, y] = toward(&point, line.place);
+            line.motion[0] * x + line.motion[1] * y
+        };
+        if self.lines.iter().map(along).sum::<f64>() < 0.0 {
+            point.map(|part| -part)
+        } else {
+            point
+        }
+    }
 }
