@@ -582,6 +582,16 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         lambda **given: list(rsflow.live.readings(**given)),
         {"source": [frame(), frame(1)]},
     ),
+    "rsflow.objects.CountingLine": lambda _: (objects.CountingLine, {"x0": 1.0, "y0": 2.0, "x1": 3.0, "y1": 4.0}),
+    "rsflow.objects.CountingLine.to_dict": lambda _: (objects.CountingLine(0, 0, 1, 1).to_dict, {}),
+    "rsflow.objects.CountingLine.update": lambda _: (objects.CountingLine(0, 0, 1, 1).update, {"objects": [THING]}),
+    "rsflow.objects.ObjectStatistics": lambda _: (objects.ObjectStatistics, {}),
+    "rsflow.objects.ObjectStatistics.picture": lambda _: (objects.ObjectStatistics().picture, {"background": frame()}),
+    "rsflow.objects.ObjectStatistics.to_dict": lambda _: (objects.ObjectStatistics().to_dict, {}),
+    "rsflow.objects.ObjectStatistics.update": lambda _: (
+        objects.ObjectStatistics().update,
+        {"frame": 0, "objects": [THING], "hidden": [THING], "size": (WIDTH, HEIGHT)},
+    ),
     "rsflow.objects.ObjectTable": lambda folder: (objects.ObjectTable, {"path": folder / "objects.csv"}),
     "rsflow.objects.ObjectTable.write": lambda folder: (
         _object_table(folder).write,

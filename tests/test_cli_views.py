@@ -125,7 +125,14 @@ def test_segment(tmp_path: Path, clip: str, capsys: pytest.CaptureFixture[str]) 
     assert [line["frame"] for line in lines] == list(range(8))
     assert lines[0]["status"] == "first_frame"
     assert lines[-1]["objects"]
-    assert sorted(p.name for p in out.glob("[!.]*")) == ["masks", "moving.mp4", "objects.csv", "static.mp4"]
+    assert sorted(p.name for p in out.glob("[!.]*")) == [
+        "masks",
+        "moving.mp4",
+        "objects.csv",
+        "objects.json",
+        "paths.png",
+        "static.mp4",
+    ]
     mask = cv2.imread(str(out / "masks" / "000005.png"), cv2.IMREAD_GRAYSCALE) > 0
     truth = np.zeros_like(mask)
     truth[40:70, 45:85] = True

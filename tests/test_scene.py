@@ -230,3 +230,17 @@ def test_the_ground_is_shown_as_by_the_first_frame() -> None:
     half = memory.ground((-10.0, -5.0), (150, 60), 0.5)
     assert half is not None
     assert abs(half[1].mean() - known.mean()) < 0.02
+
+
+def test_what_nothing_told_of_the_first_frames_is_found_by_what_came_after() -> None:
+    scene = painting(9)
+    masks = [passing(frame, speed=6) for frame in range(16)]
+    nothing = np.zeros((HEIGHT, WIDTH), bool)
+    memory, ready = StaticScene(look_ahead=14), []
+    for number, (frame, mask) in enumerate(zip(film(scene, masks), masks, strict=True)):
+        # A segmenter that begins to see after three frames.
+        ready += memory.add(seen(frame, mask if number >= 3 else nothing), frame)
+    ready += memory.finish()
+    for number in range(4):
+        error = np.abs(ready[number][masks[number]].astype(int) - scene[masks[number]])
+        assert np.quantile(error, 0.95) < 14, number

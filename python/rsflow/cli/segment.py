@@ -27,20 +27,34 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rsflow.capture import Frame
-    from rsflow.segmentation import MotionSegmentation
+    from rsflow.segmentation import MotionSegmentation, MotionSegmenter
+    from rsflow.segmentation.tracks.statistics import ObjectStatistics
     from rsflow.video import VideoWriter
 
 DESCRIPTION = """\
 Tell what moves from what stands still in a SOURCE (a video, a folder or glob of pictures, a camera's index, a URL).
 
 In OUT: moving.mp4 (what moves, with numbers), static.mp4 (the same without it), objects.csv (a row for each thing in
-each frame, units in the names of the columns), and with --masks a black and white picture of each frame.
+each frame, units in the names of the columns), objects.json (counts, speeds, where things came and went, counts across
+lines), paths.png (their paths), and with --masks a black and white picture of each frame.
 
 examples:
   rsflow segment street.mp4 -o out --camera-motion static     a camera on a pole: sharper outlines
   rsflow segment drone.mp4 -o out                             a camera that moves
   rsflow segment clip.mp4 -o out --stop 100 --masks
+  rsflow segment street.mp4 -o out --line 320,470,320,10 --scale 0.02     who crosses it, and speeds in m/s
   rsflow segment clip.mp4 -o out --mask scene.png             black in scene.png: a clock over the picture, say"""
+
+
+# What a folder may hold; the last one with --masks.
+_NAMES = (
+    "moving.mp4",
+    "static.mp4",
+    "objects.csv",
+    "objects.json",
+    "paths.png",
+    "masks/[0-9][0-9][0-9][0-9][0-9][0-9]*.png",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,11 +68,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_max_displacement(parser, default="half the frame, along each axis")
     parser.add_argument("--min-area", type=int, metavar="PX", help="leave out things of fewer pixels (1/10000)")
     add_mask(parser)
+    parser.add_argument(
+        "--line",
+        action="append",
+        type=line_of,
+        default=[],
+        metavar="X0,Y0,X1,Y1",
+        help="count the things that cross this line, in pixels of the first frame; may be given again",
+    )
+    parser.add_argument(
+        "--scale", type=float, metavar="M_PER_PX", help="metres on the ground for each pixel: speeds in m/s too"
+    )
     parser.add_argument("--masks", action="store_true", help="also write masks/000001.png and so on")
     add_range(parser)
     add_rate(parser)
     add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print a line of JSON for each frame")
+
+
+def line_of(text: str) -> tuple[float, float, float, float]:
+    """Read ``X0,Y0,X1,Y1``."""
+    try:
+        x0, y0, x1, y1 = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected four numbers X0,Y0,X1,Y1") from None
+    return x0, y0, x1, y1
 
 
 def run(args: argparse.Namespace) -> int:
@@ -72,37 +106,32 @@ def run(args: argparse.Namespace) -> int:
     from rsflow.capture.too_few import expect_range, too_few
     from rsflow.extraction.things import Seen
     from rsflow.plotting.drawing import save_picture
-    from rsflow.segmentation import MotionSegmenter
     from rsflow.segmentation.object_table import ObjectTable
+    from rsflow.segmentation.tracks.lines import CountingLine
+    from rsflow.segmentation.tracks.statistics import ObjectStatistics
     from rsflow.video import VideoWriter
 
     out = Path(args.output)
     mask = mask_of(args.mask)
-    segmenter = MotionSegmenter(
-        camera_motion=args.camera_motion,
-        preset=args.preset,
-        max_displacement=args.max_displacement,
-        min_area=args.min_area,
-        mask=mask,
-    )
+    segmenter = _segmenter(args, mask)
     count, seen = 0, Seen()
+    statistics = ObjectStatistics(lines=[CountingLine(*line) for line in args.line], scale_m_per_px=args.scale)
     with contextlib.ExitStack() as stack:
         source = stack.enter_context(
             frames(args.source, color=True, start=args.start, stop=args.stop, stride=args.stride, frame_rate=args.rate)
         )
         stack.callback(tell_notes, "segment", source)
         expect_range(source)
-        names = ("moving.mp4", "static.mp4", "objects.csv", "masks/[0-9][0-9][0-9][0-9][0-9][0-9]*.png")
-        files = [out / name for name in names[:3]]
+        files = [out / name for name in _NAMES[:-1]]
         masks = [out / "masks" / "000000.png", *out.glob("masks/*.png")] if args.masks else []
         Inputs(args.source, files=(args.mask,)).refuse([*files, *masks])
         folder = stack.enter_context(
             ResultFolder(
-                out, "segment", names, identity_of(args.source, args, files=("mask",)), overwrite=args.overwrite
+                out, "segment", _NAMES, identity_of(args.source, args, files=("mask",)), overwrite=args.overwrite
             )
         )
         rate = (source.frame_rate or 25.0) / args.stride
-        table = stack.enter_context(ObjectTable(out / "objects.csv"))
+        table = stack.enter_context(ObjectTable(out / "objects.csv", scale_m_per_px=args.scale))
         videos = [
             stack.enter_context(VideoWriter(out / f"{name}.mp4", frame_rate=rate)) for name in ("moving", "static")
         ]
@@ -111,11 +140,12 @@ def run(args: argparse.Namespace) -> int:
             for frame in source:
                 if mask is not None and count == 0:
                     expect_size(f"--mask {args.mask}", mask, frame.image.shape[::-1])
-                result = segmenter.update(frame.image)
+                result = segmenter.update(frame.image, t_s=frame.t_s)
                 t_s = frame.t_s if math.isfinite(frame.t_s) else None
                 videos[0].write(result.moving_view(frame.color), t_s)
                 static.write(result, frame, t_s)
-                table.write(frame.index, frame.t_s, result.objects)
+                table.write(frame.index, frame.t_s, (*result.objects, *result.hidden))
+                statistics.update(frame.index, result.objects, result.hidden, size=frame.image.shape[::-1])
                 if args.masks:
                     folder.record()
                     files.append(out / "masks" / f"{frame.index:06d}.png")
@@ -136,10 +166,32 @@ def run(args: argparse.Namespace) -> int:
             raise too_few(source, count)
         folder.record()
         folder.finish(files)
+    (out / "objects.json").write_text(json.dumps(statistics.to_dict(), indent=2) + "\n", encoding="utf-8")
+    scene = result.static_view(frame.color) if segmenter.static_camera else None
+    save_picture(out / "paths.png", statistics.picture(scene))
     if not args.json:
         print(seen.text())
+        _tell_lines(statistics)
         print(f"{count} frames: {out / 'moving.mp4'}, {out / 'static.mp4'}, {out / 'objects.csv'}")
     return 0
+
+
+def _segmenter(args: argparse.Namespace, mask: NDArray[np.bool_] | None) -> MotionSegmenter:
+    from rsflow.segmentation import MotionSegmenter
+
+    return MotionSegmenter(
+        camera_motion=args.camera_motion,
+        preset=args.preset,
+        max_displacement=args.max_displacement,
+        min_area=args.min_area,
+        mask=mask,
+    )
+
+
+def _tell_lines(statistics: ObjectStatistics) -> None:
+    for line in statistics.lines:
+        ends = ",".join(f"{end:g}" for end in line.ends)
+        print(f"{line.to_right} crossed {ends} to the right, {line.to_left} to the left.")
 
 
 class _StaticVideo:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -68,12 +69,13 @@ def camera_motion(pairs: Sequence[tuple[Shift | None, FlowField | None]]) -> Cam
 def arrow_style(flows: Sequence[FlowField | None], width: int) -> QuiverStyle:
     """Give the `QuiverStyle` of the whole clip, fitted to its first flows."""
     from ..plotting import QuiverStyle
+    from ..plotting.drawing import size_for
 
     samples = [np.stack(flow_samples(flow), axis=1) for flow in flows if flow is not None]
     known = [vectors for vectors in samples if len(vectors)]
     if not known:
         known = [np.zeros((1, 2), np.float32)]
     style = QuiverStyle.fitted(known, width=width)
-    return QuiverStyle.fitted(
-        known, width=width, step=style.step, scale=style.scale, max_length=_LONGEST_STEPS * style.step
+    return dataclasses.replace(
+        style, max_length=_LONGEST_STEPS * style.step, line_width=round(size_for((width, width)))
     )

@@ -25,6 +25,8 @@ PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 _SHIFT = 4
 _INK: Color = (255, 255, 255)
 _PANEL: Color = (24, 24, 24)
+# Letters and lines of one size are read on pictures up to this side, in pixels.
+_PLAIN_SIDE = 1000
 # A rim takes this share of the light away.
 _RIM = 0.85
 _BESIDE_RIM = (255 - np.arange(256) * _RIM).astype(np.uint8)
@@ -36,6 +38,11 @@ def distinct_color(number: int) -> Color:
     hue = (number * 0.61803) % 1.0 * 6
     wave = [255 * min(max(abs((hue + shift) % 6 - 3) - 1, 0.25), 1) for shift in (4.0, 2.0, 0.0)]
     return int(wave[0]), int(wave[1]), int(wave[2])
+
+
+def size_for(shape: tuple[int, ...]) -> float:
+    """Say how many times as large letters and lines are on a picture of (height, width), to be read alike."""
+    return max(1.0, max(shape[:2]) / _PLAIN_SIDE)
 
 
 def magnified(picture: NDArray[np.uint8], zoom: int) -> NDArray[np.uint8]:

@@ -46,10 +46,11 @@ def placed(
     Earlier ones choose first; what is `taken` stays free.
     """
     height, width = shape[:2]
+    size = drawing.size_for(shape)
     used = list(taken)
     out: list[tuple[int, int] | None] = []
     for box, text in zip(boxes, texts, strict=True):
-        wide, high = (length + 2 * _AROUND for length in drawing.text_size(text))
+        wide, high = (length + 2 * _AROUND for length in drawing.text_size(text, size=size))
         found = None
         for x, y in _places(box, wide, high):
             # Along an edge of the picture a label moves aside before it goes elsewhere.
@@ -70,11 +71,12 @@ def draw_labels(
 
     What finds no room is left out.
     """
+    size = drawing.size_for(picture.shape)
     for corner, text, color in zip(placed(boxes, texts, picture.shape), texts, colors, strict=True):
         if corner is not None:
-            wide, high = drawing.text_size(text)
+            wide, high = drawing.text_size(text, size=size)
             (x, y), around = corner, _AROUND
             picture[y - high - around : y + around, x - around : x + wide + around] = color
             blue, green, red = color
             ink = _DARK if 0.114 * blue + 0.587 * green + 0.299 * red > _BRIGHT else _LIGHT
-            drawing.put_text(picture, text, corner, color=ink, rim=False)
+            drawing.put_text(picture, text, corner, size=size, color=ink, rim=False)

@@ -32,7 +32,8 @@ __all__ = ["ObjectTracker"]
 
 # Deviation of the change of velocity in a frame: in pixels, and as a share of the thing's size; up to so many times as
 # much for what surprises.
-_TURN_PX, _TURN_SHARE, _MOST_SURPRISE = 0.03, 0.003, 16.0
+_TURN_PX, _TURN_SHARE = 0.03, 0.003
+_LEAST_SURPRISE, _MOST_SURPRISE = 0.25, 16.0
 
 
 class ObjectTracker(Shared):
@@ -161,7 +162,7 @@ class ObjectTracker(Shared):
         self._carry(camera_motion)
         things = self._things
         turn = _TURN_PX + _TURN_SHARE * things.size.max(axis=1, initial=0.0)
-        turn = turn * np.sqrt(np.clip(things.surprise, 1.0, _MOST_SURPRISE))
+        turn = turn * np.sqrt(np.clip(things.surprise, _LEAST_SURPRISE, _MOST_SURPRISE))
         before = things.place.copy()
         kalman.predict(things.place, things.velocity, things.variance, steps, turn)
         things.way += things.place - before

@@ -237,11 +237,12 @@ class MotionSegmentation:
         import cv2
 
         colors = [drawing.distinct_color(thing.id) for thing in self.objects]
+        line = round(drawing.size_for(out.shape))
         around, arrowed = [], []
         for thing, color in zip(self.objects, colors, strict=True):
             x, y, width, height = thing.box
             around.append((x - 2, y - 2, x + width + 1, y + height + 1))
-            cv2.rectangle(out, around[-1][:2], around[-1][2:], color, 1)
+            cv2.rectangle(out, around[-1][:2], around[-1][2:], color, line)
             vx, vy = thing.vx_px_per_frame, thing.vy_px_per_frame
             speed = math.hypot(vx, vy)
             if _ARROW_FRAMES * speed > _LEAST_ARROW_PX:
@@ -250,5 +251,5 @@ class MotionSegmentation:
                 arrowed.append((color, (thing.x, thing.y), (vx * scale, vy * scale)))
         if arrowed:
             inks, starts, ways = zip(*arrowed, strict=True)
-            drawing.rimmed(out, drawing.Strokes(arrows.lines(np.array(starts), np.array(ways)), list(inks)))
+            drawing.rimmed(out, drawing.Strokes(arrows.lines(np.array(starts), np.array(ways)), list(inks), line))
         labels.draw_labels(out, around, [str(thing.id) for thing in self.objects], colors)

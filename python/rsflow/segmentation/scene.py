@@ -44,6 +44,8 @@ _RIM_SHARE, _LEAST_RIM = 1 / 160, 2
 _LIGHT_REACH, _LIGHT_STEP, _LIGHT_LEVELS = 16, 8, 24.0
 # Light has changed when the mean of the picture, or of what is around a thing, changed by more levels.
 _OTHER_LIGHT = 2.0
+# In so many first frames a pixel that differs by more levels from what was seen there later is of a thing.
+_EARLY, _GONE_LEVELS = 10, 40
 # The canvas of a moving camera is wider than the frame by this share on each side, and is laid anew when the frame
 # leaves it, or is larger or smaller on it by this factor.
 _PADDING, _ZOOM = 0.25, 1.3
@@ -61,6 +63,7 @@ class _Waiting:
     hidden: Mask
     parts: list[Part]
     to_canvas: F64
+    early: bool
 
 
 class StaticScene:
@@ -90,7 +93,7 @@ class StaticScene:
         # From the first frame, or the first after a cut.
         self._first: F64 = np.eye(3)
         self._size = (0, 0)
-        self._learned = self._since = 0
+        self._learned = self._since = self._taken = 0
         self._level = 0.0
 
     def add(self, seen: MotionSegmentation, picture: NDArray[Any] | None = None) -> list[U8]:
@@ -99,7 +102,7 @@ class StaticScene:
         if seen.mask is not None:
             hidden = hidden & seen.mask
         parts = parts_around(boxes_of(hidden), self._size, _LIGHT_REACH)
-        self._waiting.append(_Waiting(shown, hidden, parts, self._to_canvas))
+        self._waiting.append(_Waiting(shown, hidden, parts, self._to_canvas, self._taken <= _EARLY))
         most = min(self._look_ahead, _WAITING_BYTES // (shown.nbytes + hidden.nbytes))
         while len(self._waiting) > most:
             ready.append(self._completed(self._waiting.popleft()))
@@ -118,7 +121,8 @@ class StaticScene:
             ready = self.finish()
             self._size = (shown.shape[0], shown.shape[1])
             self._memory, self._to_canvas, self._first = SceneMemory(self._size), np.eye(3), np.eye(3)
-            self._learned = 0
+            self._learned = self._taken = 0
+        self._taken += 1
         self._follow(seen)
         hidden = regions.dilated(seen.moving, 2 * self._rim() + 1)
         self._since += 1
@@ -182,7 +186,7 @@ class StaticScene:
             "to_canvas": self._to_canvas,
             "first": self._first,
             "size": self._size,
-            "counts": (self._learned, self._since, self._level),
+            "counts": (self._learned, self._since, self._taken, self._level),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -195,7 +199,7 @@ class StaticScene:
                 raise ValueError("what was seen behind things is damaged")
             self._memory.replace(planes)
         self._to_canvas, self._first, self._size = state["to_canvas"], state["first"], tuple(state["size"])
-        self._learned, self._since, self._level = state["counts"]
+        self._learned, self._since, self._taken, self._level = state["counts"]
 
     def _follow(self, seen: MotionSegmentation) -> None:
         """Carry the map to the canvas on; where the frame leaves the canvas, lay another."""
@@ -256,6 +260,8 @@ class StaticScene:
         import cv2
 
         out = waiting.picture
+        if waiting.early and self._learned >= _EAGER:
+            self._look_again(waiting)
         for part in waiting.parts:
             at = cut(part)
             hidden = waiting.hidden[at]
@@ -264,6 +270,21 @@ class StaticScene:
                 filled = hatched(_relit(scene, out[at], hidden, known > 0), known > 0, part[:2])
                 cv2.copyTo(filled, hidden.view(np.uint8), out[at])
         return out
+
+    def _look_again(self, waiting: _Waiting) -> None:
+        """Find what moved in one of the first frames by what was seen there afterwards: nothing told it then."""
+        import cv2
+
+        whole = (0, 0, self._size[1], self._size[0])
+        scene, known = self._behind(whole, waiting.to_canvas)
+        far = np.asarray(cv2.absdiff(scene, waiting.picture), np.uint8).max(axis=2)
+        other = cv2.bitwise_and(cv2.compare(far, _GONE_LEVELS, cv2.CMP_GT), known)
+        # Edges that are a pixel off are no things.
+        other = cv2.morphologyEx(other, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
+        if other.any():
+            rim = 2 * self._rim() + 5
+            waiting.hidden = waiting.hidden | regions.dilated(other.view(bool), rim)
+            waiting.parts = parts_around(boxes_of(waiting.hidden), self._size, _LIGHT_REACH)
 
     def _behind(self, part: Part, to_canvas: F64) -> tuple[U8, U8]:
         """Give the scene at a part of a frame, and where it is known."""

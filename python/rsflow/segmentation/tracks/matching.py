@@ -21,13 +21,15 @@ if TYPE_CHECKING:
 _MOST = 16.0
 # Deviation of a region's centre, as a share of the thing's size: limbs, holes and shadows come and go.
 _CENTRE_SHARE = 0.25
+# And as a share of its speed: it may turn.
+_TURN_SHARE = 0.3
 # A thing's width and height change by a factor of e^0.5 from one frame to another as easily as its centre by a
 # deviation; more than this each never counts, as parts of it may be missing.
 _SIZE_DEVIATION = 0.5
 _MOST_SIZE = 4.0
 # Likewise its motion, in pixels and as a share of itself, and its grey levels (squared Hellinger distance).
 _MOTION_PX, _MOTION_SHARE = 1.0, 0.3
-_MOST_MOTION = 6.0
+_MOST_MOTION = 4.0
 _GREY = 0.06
 _MOST_GREY = 9.0
 # A piece belongs to a thing if so much of its box lies in the thing's, which may be so much larger than predicted.
@@ -103,14 +105,16 @@ def match(things: Followed, regions: Regions, lasting: NDArray[np.bool_], shape:
 def _cost(things: Followed, regions: Regions) -> F64:
     """Give what it costs that a region is a thing's, in squared deviations."""
     off = regions.centre[None] - things.place[:, None]
-    wide = things.variance[:, None, :, 0] + (_CENTRE_SHARE * things.size[:, None] + 0.5) ** 2
+    speed = np.hypot(things.velocity[:, 0], things.velocity[:, 1])[:, None, None]
+    wide = (
+        things.variance[:, None, :, 0] + (_CENTRE_SHARE * things.size[:, None] + 0.5) ** 2 + (_TURN_SHARE * speed) ** 2
+    )
     cost = (off * off / wide).sum(axis=2)
     shape = np.log(regions.size[None] / things.size[:, None]) / _SIZE_DEVIATION
     cost += np.minimum(shape * shape, _MOST_SIZE).sum(axis=2)
     known: NDArray[np.bool_] = np.logical_and(things.informed[:, None], np.isfinite(regions.motion[None, :, 0]))
     if known.any():
         other = np.nan_to_num(regions.motion)[None] - things.velocity[:, None]
-        speed = np.hypot(things.velocity[:, 0], things.velocity[:, 1])[:, None, None]
         spread = things.variance[:, None, :, 2] + (_MOTION_PX + _MOTION_SHARE * speed) ** 2
         cost += np.where(known, np.minimum((other * other / spread).sum(axis=2), _MOST_MOTION), 0.0)
     if regions.histogram.any():

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .followed import HIDDEN
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -19,7 +21,7 @@ _FAR_PX, _FAR_SHARE, _FAR_AGE = 4.0, 0.3, 4
 _BY_MOTION = 0.35
 # So much of its steps must have brought it there.
 _STRAIGHT = 0.5
-# After so many frames a thing that never went this share of its size from where it began gets nowhere.
+# After so many frames a thing that never went its own size from where it began must have gone this share of its path.
 _PATIENCE = 25
 _NOWHERE = 0.6
 
@@ -36,7 +38,7 @@ def go_on(things: Followed) -> None:
     gone = far >= np.maximum(_STEP_PX, _STEP_SHARE * extent)
     things.path[gone] += far[gone]
     things.corner[gone] = things.way[gone]
-    things.reach = np.maximum(things.reach, length(things.way))
+    things.reach = np.where(things.state == HIDDEN, things.reach, np.maximum(things.reach, length(things.way)))
 
 
 def length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -56,7 +58,9 @@ def travelling(things: Followed) -> NDArray[np.bool_]:
     agrees = along >= _BY_MOTION * np.maximum(expected, known)
     near = (far >= np.maximum(_LEAST_PX, _LEAST_SHARE * extent)) & told & agrees
     distant = (far >= np.maximum(_FAR_PX, _FAR_SHARE * extent)) & (things.age >= _FAR_AGE) & ~(told & ~agrees)
-    starts = (near | distant) & (far >= _STRAIGHT * things.steps)
-    lasts = (things.age < _PATIENCE) | (things.reach >= _NOWHERE * np.minimum(extent, things.path))
+    starts = near | distant
+    straight = far >= _STRAIGHT * things.steps
+    young = things.age < _PATIENCE
+    lasts = (things.reach >= extent) | np.where(young, straight, things.reach >= _NOWHERE * things.path)
     out: NDArray[np.bool_] = (things.listed | starts) & lasts
     return out
