@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .extract_run import measure_extract
+from .extract_tables import EXTRACT_MARKS, ExtractBench, ExtractRow, PartRow
 from .run import measure
 from .segmentation_run import measure_segmentation
 from .segmentation_tables import SEGMENTATION_MARKS, SegmentationBench, SegmentationRow
@@ -12,16 +14,21 @@ from .velocity_tables import VELOCITY_MARKS, ConditionRow, LatencyRow, VelocityB
 __all__ = [
     "BEGIN",
     "END",
+    "EXTRACT_MARKS",
     "SEGMENTATION_MARKS",
     "VELOCITY_MARKS",
     "Bench",
     "ConditionRow",
+    "ExtractBench",
+    "ExtractRow",
     "LatencyRow",
+    "PartRow",
     "Row",
     "SegmentationBench",
     "SegmentationRow",
     "VelocityBench",
     "measure",
+    "measure_extract",
     "measure_segmentation",
     "measure_velocity",
     "with_tables",

@@ -6,11 +6,12 @@ import argparse
 import json
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rsflow.bench import Bench, SegmentationBench, VelocityBench
+    from rsflow.bench import Bench, ExtractBench, SegmentationBench, VelocityBench
 
 DESCRIPTION = """\
 Measure accuracy and time of rsflow beside OpenCV, on made scenes whose motion is known exactly.
@@ -34,11 +35,16 @@ where the camera moves and with the best of several median filters, on kinds of 
 (cameras, speeds, light, noise, shadows, boxes, nothing that moves). 'F' is of the pixels, 1 is perfect; 'false' is the
 share of still pixels that are called moving, 'far' of those more than 3 pixels from every thing. It takes some minutes.
 
+With 'extract': the whole job, rsflow extract with a camera and a height, on made flights of three sizes: time by the
+clock and of all processors a frame, beside one dense flow of OpenCV's DIS (medium) of each; then the processor time of
+its parts, each call on one thread.
+
 examples:
   rsflow bench
   rsflow bench velocity
   rsflow bench velocity --only "level" --only "rolling shutter" --flights 5
   rsflow bench segmentation --only "hand-held" --clips 4
+  rsflow bench extract --threads 2
   rsflow bench --threads 4 --rounds 21
   rsflow bench --quick --json
   rsflow bench --update README.md"""
@@ -47,14 +53,18 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``rsflow bench``."""
     parser.add_argument(
-        "subject", nargs="?", choices=("velocity", "segmentation"), help="what to measure (default: motion in pictures)"
+        "subject",
+        nargs="?",
+        choices=("velocity", "segmentation", "extract"),
+        help="what to measure (default: motion in pictures)",
     )
-    parser.add_argument("--threads", type=int, default=1, metavar="N", help="of rsflow and of OpenCV (default 1)")
+    parser.add_argument("--threads", type=int, metavar="N",
+                        help="of rsflow and of OpenCV (default 1; extract: 2)")  # fmt: skip
     parser.add_argument(
         "--rounds",
         type=int,
         metavar="N",
-        help="timed calls of each method (default 9; --quick: 3), or frames of each size (velocity: 60)",
+        help="timed calls of each method (default 9; --quick: 3), or frames of each size (velocity: 60, extract: 150)",
     )
     parser.add_argument(
         "--only", metavar="NAME", action="append",
@@ -67,7 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--update", metavar="FILE",
         help="rewrite what stands between <!-- bench-start --> and <!-- bench-end --> in this Markdown file (velocity: "
-        "<!-- velocity-conditions-start --> and -end; segmentation: <!-- segmentation-kinds-start --> and -end)",
+        "<!-- velocity-conditions-start --> and -end; segmentation: <!-- segmentation-kinds-start --> and -end; "
+        "extract: <!-- extract-parts-start --> and -end)",
     )  # fmt: skip
 
 
@@ -76,18 +87,20 @@ def run(args: argparse.Namespace) -> int:
     from rsflow import bench
     from rsflow.io.atomic import writing
 
-    marks = {"velocity": bench.VELOCITY_MARKS, "segmentation": bench.SEGMENTATION_MARKS}
+    marks = {
+        "velocity": bench.VELOCITY_MARKS, "segmentation": bench.SEGMENTATION_MARKS, "extract": bench.EXTRACT_MARKS,
+    }  # fmt: skip
     marks_of = marks.get(args.subject, (bench.BEGIN, bench.END))
     # Before the measuring: what is wrong with the file should not cost a minute.
     page = None if args.update is None else _read(args.update)
     if page is not None:
         bench.with_tables(page, None, name=args.update, marks=marks_of)
     _refuse_others(args)
-    found: Bench | VelocityBench | SegmentationBench
-    if args.subject is None:
-        found = _motion(args)
-    else:
-        found = _velocity(args) if args.subject == "velocity" else _segmentation(args)
+    if args.threads is None:
+        args.threads = 2 if args.subject == "extract" else 1
+    measures: dict[str | None, Callable[[argparse.Namespace], Bench | VelocityBench | SegmentationBench | ExtractBench]]
+    measures = {None: _motion, "velocity": _velocity, "segmentation": _segmentation, "extract": _extract}
+    found = measures[args.subject](args)
     if args.json:
         figures = asdict(found)
         rows = [row for part in figures.values() if isinstance(part, tuple) for row in part if isinstance(row, dict)]
@@ -148,6 +161,13 @@ def _segmentation(args: argparse.Namespace) -> SegmentationBench:
     return bench.measure_segmentation(
         only=args.only, clips=clips, threads=args.threads, quick=args.quick, progress=_told
     )
+
+
+def _extract(args: argparse.Namespace) -> ExtractBench:
+    from rsflow import bench
+
+    frames = 150 if args.rounds is None else args.rounds
+    return bench.measure_extract(threads=args.threads, frames=frames, quick=args.quick)
 
 
 def _told(name: str) -> None:

@@ -51,6 +51,7 @@ class Outputs:
     ) -> None:
         self.folder, self.stream, self.settings, self.claim = folder, stream, settings, claim
         self.tables: dict[str, CsvTable] = {}
+        # What the tables hold, once all is written: a run of days takes no memory for it.
         self.series: dict[str, Series] = {}
         self.views: Views | None = None
         self.trajectory: Trajectory | None = None
@@ -80,13 +81,7 @@ class Outputs:
         state = None if saved is None else saved.value("tables")[name]
         if state is not None:
             Grown(place).part()
-        table = self.tables[name] = CsvTable(self.folder / NAMES[name], tuple(columns), place=place, state=state)
-        words = [column for column in columns if column in WORDS]
-        series = self.series[name] = Series([column for column in columns if column not in words], words)
-        if state is not None:
-            with place.open(newline="", encoding="utf-8") as file:
-                for row in itertools.islice(csv.reader(file), 1, None):
-                    series.append_cells(table.columns, row)
+        self.tables[name] = CsvTable(self.folder / NAMES[name], tuple(columns), place=place, state=state)
 
     @property
     def resumable(self) -> bool:
@@ -122,8 +117,7 @@ class Outputs:
             self.views.add(measured)
 
     def _row(self, name: str, row: dict[str, Any]) -> None:
-        table = self.tables[name]
-        self.series[name].append_cells(table.columns, table.append(row))
+        self.tables[name].append(row)
 
     def checkpoint(self, frame: int, pipeline: dict[str, Any], seconds: float, *, drained: bool = False) -> None:
         """Keep what a run needs to go on after `frame`: now what changes, and when all is drawn the rest."""
@@ -179,6 +173,7 @@ class Outputs:
             except Exception as error:
                 trouble = trouble or error
                 clip.discard(parts=not self.workspace.checkpoint.exists())
+        self.series = {name: _series(table) for name, table in self.tables.items()}
         tables = dict(self.tables)
         for name, table in self.tables.items():
             try:
@@ -222,6 +217,16 @@ class Outputs:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.discard()
+
+
+def _series(table: CsvTable) -> Series:
+    """Read what a table holds, as it stands there."""
+    words = [column for column in table.columns if column in WORDS]
+    series = Series([column for column in table.columns if column not in words], words)
+    with table.place.open(newline="", encoding="utf-8") as file:
+        for row in itertools.islice(csv.reader(file), 1, None):
+            series.append_cells(table.columns, row)
+    return series
 
 
 def remove_partial(folder: Path) -> None:

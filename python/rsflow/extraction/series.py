@@ -1,8 +1,9 @@
-"""Columns of numbers that grow a row at a time, to be plotted and summed up at the end."""
+"""Columns of numbers that grow a row at a time, to be plotted and summed up."""
 
 from __future__ import annotations
 
 import math
+import sys
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,10 +30,11 @@ class Series:
             words.append(str(row.get(name, "")))
 
     def append_cells(self, columns: Sequence[str], cells: Sequence[str]) -> None:
-        """Add a row as the table has it, which is all that is left of it for a run that is resumed."""
+        """Add a row as a table has it."""
         for name, text in zip(columns, cells, strict=True):
             if name in self._words:
-                self._words[name].append(text)
+                # Few words stand in many rows.
+                self._words[name].append(sys.intern(text))
             else:
                 self._numbers[name].append(float(text) if text else math.nan)
 
