@@ -180,3 +180,21 @@ def test_a_full_disk_is_one_line_and_keeps_what_fits(flight, tmp_path, limit, op
         assert 5 < len(rows) < 96
         assert [int(row["frame"]) for row in rows] == list(range(len(rows)))
         assert all(row["segmentation_status"] for row in rows)
+
+
+def test_a_video_that_is_cut_anywhere_is_whole_or_an_error(flight, tmp_path):
+    # Pictures whose references are cut off leave pauses, and what came before those is not the end.
+    whole, cut = tmp_path / "whole.mp4", tmp_path / "cut.mp4"
+    with rsflow.VideoWriter(whole, frame_rate=30) as video:
+        for image in flight.images:
+            video.write(image)
+    data = whole.read_bytes()
+    broken = 0
+    for percent in range(40, 100, 2):
+        cut.write_bytes(data[: len(data) * percent // 100])
+        try:
+            with rsflow.frames(cut) as stream:
+                assert len(list(stream)) == len(flight.images)
+        except rsflow.CaptureError:
+            broken += 1
+    assert broken >= 20
