@@ -247,8 +247,8 @@ class VideoReader(OfProcess):
         A file that is as long as its header says is complete, whatever it says of frames: those of a damaged part are
         lost, and sound may go on longer. Elsewhere the count is exact in some formats and duration times rate in
         others, where dropped frames count too: the file is complete if either the frames or the time are there, within
-        the longest pause between two frames. The duration may be counted from 0 or from the first frame. Of a file that is
-        shorter than its header says the pauses may be those that its end left: pictures whose references it cut off.
+        the longest pause between two frames. The duration may be counted from 0 or from the first frame. Pauses in a
+        file that is shorter than its header says may be those that its end left: pictures whose references it cut off.
         """
         if self.count is None or self.frame_rate is None or self._container.cut is False:
             return
@@ -259,7 +259,8 @@ class VideoReader(OfProcess):
         duration_s = self.count / self.frame_rate
         slack_s = max(3.0 / self.frame_rate, 0.0 if self._container.cut else 2.0 * self._longest_s)
         there = math.isnan(self._last_s) or self._last_s + slack_s >= duration_s
-        if (there and not listed) or (self._container.cut is None and self._last_s + self._start_s + slack_s >= duration_s):
+        there_too = self._container.cut is None and self._last_s + self._start_s + slack_s >= duration_s
+        if not listed and (there or there_too):
             return
         raise CaptureError(
             f"{self.source}: the video is truncated: it ends after frame {self._given - 1} at {self._last_s:.3f} s, "

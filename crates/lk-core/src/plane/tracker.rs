@@ -10,6 +10,7 @@ use super::{
     PlaneFit, PlaneNumber, PlaneOptions, PlaneResponse, PlaneTile, PlaneTileStatus, expect_motion,
 };
 use crate::error::{Error, Result};
+use crate::execution::Execution;
 use crate::frame::{Frame, Pixel, expect_size};
 use crate::parallel::within_pool;
 use crate::pyramid::Pyramid;
@@ -18,6 +19,8 @@ use ndarray::ArrayView2;
 /// Levels that are kept of each frame: the coarsest has 20 pixels or more along its shorter side.
 const MOST_LEVELS: usize = 5;
 const LEAST_SIDE: usize = 20;
+/// Frames of fewer pixels are measured in less time than a second thread takes to wake up.
+const ONE_THREAD_PIXELS: usize = 1 << 14;
 /// Steps for the effect of numbers, so small that it is linear: in pixels and radians, and for coefficients.
 const VARIED: [f64; 2] = [1e-5, 1e-7];
 
@@ -71,7 +74,7 @@ impl PlaneTracker {
         &mut self,
         frame: Frame<'_, T>,
         mask: Option<ArrayView2<'_, bool>>,
-        execution: &crate::Execution,
+        execution: &Execution,
     ) -> Result<()> {
         if self.frames > 0 {
             let plane = &self.next.levels()[0];
@@ -89,8 +92,9 @@ impl PlaneTracker {
         }
         std::mem::swap(&mut self.prev, &mut self.next);
         let next = &mut self.next;
-        let built = within_pool(execution, || {
-            next.rebuild_masked(frame, mask, levels, execution)
+        let execution = shared(execution, height * width);
+        let built = within_pool(&execution, || {
+            next.rebuild_masked(frame, mask, levels, &execution)
         });
         if let Err(error) = built {
             std::mem::swap(&mut self.prev, &mut self.next);
@@ -129,20 +133,32 @@ impl PlaneTracker {
         if self.frames < 2 {
             return Err(Error::option("frames", self.frames, "two"));
         }
+        let plane = &self.next.levels()[0];
+        let execution = shared(&options.execution, plane.height() * plane.width());
         let task = Task {
             frames: [&self.prev, &self.next],
             lens: &self.lens,
             interval,
-            execution: &options.execution,
+            execution: &execution,
         };
         let known: Known = options.known();
-        within_pool(&options.execution, || {
+        within_pool(&execution, || {
             let followed = task.follow(start, &known, options.levels - 1)?;
             Ok(followed.map(|mut followed| {
                 followed.widen();
                 result(&task, &followed, &options.responses)
             }))
         })
+    }
+}
+
+/// How a call for frames of this many pixels runs.
+fn shared(execution: &Execution, pixels: usize) -> Execution {
+    let execution = execution.clone();
+    if pixels < ONE_THREAD_PIXELS {
+        execution.threads(1)
+    } else {
+        execution
     }
 }
 
