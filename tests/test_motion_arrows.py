@@ -115,14 +115,16 @@ def test_a_thing_whose_pixels_tell_nothing_has_the_arrow_of_its_mean() -> None:
     assert not unknown.any()
 
 
-def test_lines_of_many_colours_have_a_dark_rim_and_stay_inside() -> None:
+@pytest.mark.parametrize("few", [0, 200])
+def test_lines_of_many_colours_have_a_dark_rim_and_stay_inside(few: int, monkeypatch: pytest.MonkeyPatch) -> None:
     out = np.full((60, 80, 3), 200, np.uint8)
     lines = [np.array([[10.0, 10], [40, 10]]), np.array([[10.0, 30], [400, 30]]), np.array([[-50.0, -50], [-20, -20]])]
+    monkeypatch.setattr(drawing, "_FEW_LINES", few)
     drawing.rimmed(out, drawing.Strokes(lines, [(0, 0, 255), (0, 255, 0), (255, 0, 0)], 2))
     assert (out[10, 15:35, 2] > 200).all()
     assert (out[10, 15:35, :2] < 40).all()
     assert (out[30, 15:, 1] > 200).all()
-    assert (out[13, 15:35] < 150).all()
+    assert (out[12, 15:35] < 150).all()
     assert (out[45:] == 200).all()
     before = out.copy()
     drawing.rimmed(out, drawing.Strokes([], (1, 2, 3)))

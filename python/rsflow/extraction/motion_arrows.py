@@ -56,8 +56,9 @@ def draw_motion(
         drawing.Strokes(of_scene, _SCENE_COLOR, style.line_width),
         drawing.Strokes(of_things, style.color, style.line_width),
         _thing_strokes(out, seen, style),
-        arrows.key_strokes(out, style) if style.key else drawing.Strokes([], style.color),
     )
+    if style.key:
+        arrows.draw_key(out, style)
     return out
 
 

@@ -85,7 +85,7 @@ class Pictures:
             return []
         out = drawing.magnified(_shown(before), self.style.zoom)
         if self.style.key:
-            drawing.rimmed(out, arrows.key_strokes(out, self.style))
+            arrows.draw_key(out, self.style)
         return [Drawn("flow", out, -1, before.t_s)]
 
     def _static(self, pictures: list[NDArray[np.uint8]]) -> list[Drawn]:

@@ -123,18 +123,18 @@ def raster(
     out[rows[inside], columns[inside]] = style.color
     _stroke(out, lines, style)
     if style.key:
-        drawing.rimmed(out, key_strokes(out, style))
+        draw_key(out, style)
     return out
 
 
-def key_strokes(out: NDArray[np.uint8], style: QuiverStyle) -> drawing.Strokes:
-    """Draw the ground and the unit of the key in place, where there is room for it; give its arrow."""
+def draw_key(out: NDArray[np.uint8], style: QuiverStyle) -> None:
+    """Draw an arrow of a round length with its unit in place, where there is room for it."""
     box, arrow, label = _key_layout(style, out.shape[0])
-    if box[1] < 0 or box[2] > out.shape[1]:
-        return drawing.Strokes([], style.color)
-    drawing.panel(out, *box)
-    drawing.put_text(out, label, (box[0] + 8, box[3] - 8), rim=False)
-    return drawing.Strokes([arrow], style.color, style.line_width)
+    if box[1] >= 0 and box[2] <= out.shape[1]:
+        drawing.panel(out, *box)
+        # By itself: what is laid over the picture at once is as large as what is around all of it.
+        _stroke(out, [arrow], style)
+        drawing.put_text(out, label, (box[0] + 8, box[3] - 8), rim=False)
 
 
 def _stroke(out: NDArray[np.uint8], lines: list[NDArray[np.float64]], style: QuiverStyle) -> None:

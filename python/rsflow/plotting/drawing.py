@@ -27,6 +27,8 @@ _INK: Color = (255, 255, 255)
 _PANEL: Color = (24, 24, 24)
 # Letters and lines of one size are read on pictures up to this side, in pixels.
 _PLAIN_SIDE = 1000
+# So many lines are drawn one by one.
+_FEW_LINES = 200
 # A rim takes this share of the light away.
 _RIM = 0.85
 _BESIDE_RIM = (255 - np.arange(256) * _RIM).astype(np.uint8)
@@ -95,14 +97,24 @@ class Strokes:
 def rimmed(picture: NDArray[np.uint8], *groups: Strokes) -> None:
     """Draw lines with a dark rim of a pixel, anti-aliased, in place.
 
-    All go into one plane of shares, which is laid over the picture once: OpenCV takes five times as long to draw wide
-    lines smoothly.
+    Many go into one plane of shares first, which is laid over the picture once: OpenCV takes five times as long to draw
+    wide lines smoothly.
     """
+    groups = tuple(group for group in groups if group.lines)
+    if sum(len(group.lines) for group in groups) > _FEW_LINES:
+        _laid_over(picture, groups)
+        return
+    for group in groups:
+        polylines(picture, group.lines, _PANEL, group.width + 2)
+    for group in groups:
+        for color, numbers in group.by_color().items():
+            polylines(picture, [group.lines[number] for number in numbers], color, group.width)
+
+
+def _laid_over(picture: NDArray[np.uint8], groups: tuple[Strokes, ...]) -> None:
+    """Draw lines with their rims over a picture at once, in place."""
     import cv2
 
-    groups = tuple(group for group in groups if group.lines)
-    if not groups:
-        return
     height, wide = picture.shape[:2]
     reach = max(group.width for group in groups) + 2
     points = np.concatenate([line for group in groups for line in group.lines])
