@@ -75,7 +75,7 @@ def chosen(flow: FlowField, seen: MotionSegmentation, step: int) -> tuple[F64, F
     x, y = np.rint(points + vectors).astype(int).T
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     on_thing = np.zeros(len(points), bool)
-    on_thing[inside] = seen.labels[y[inside], x[inside]] > 0
+    on_thing[inside] = seen.moving[y[inside], x[inside]]
     own_chi = _chi_squared(own, precision)
     still = valid & ~on_thing
     excess = max(1.0, float(np.median(own_chi[still])) / _MEDIAN) if still.any() else 1.0

@@ -303,10 +303,10 @@ class StaticScene:
             return np.zeros((size[1], size[0], 3), np.uint8), np.zeros((size[1], size[0]), np.uint8)
         scene, known = self._memory.lately(there)
         back = np.linalg.inv(_shift(-there[0], -there[1]) @ to_canvas @ _shift(part[0], part[1]))
-        return (
-            np.asarray(cv2.warpPerspective(scene, back, size), np.uint8),
-            np.asarray(cv2.warpPerspective(known, back, size, flags=cv2.INTER_NEAREST), np.uint8),
-        )
+        behind = np.asarray(cv2.warpPerspective(scene, back, size), np.uint8)
+        if left >= 0 and top >= 0 and right <= wide and bottom <= high and cv2.countNonZero(known) == known.size:
+            return behind, np.full((size[1], size[0]), 255, np.uint8)
+        return behind, np.asarray(cv2.warpPerspective(known, back, size, flags=cv2.INTER_NEAREST), np.uint8)
 
 
 def frames_ahead(rate: float) -> int:
