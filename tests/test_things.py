@@ -8,9 +8,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+import rsflow
 from rsflow.extraction.series import Series
 from rsflow.extraction.summary import answers, camera_figures, key_figures
 from rsflow.extraction.svg import map_plot
+from rsflow.extraction.thing_scale import scales
 from rsflow.extraction.things import heading, lasting, thing_figures, thing_text, value_text
 
 MOTION = (
@@ -130,3 +132,14 @@ def test_ways_over_a_picture() -> None:
     assert path.startswith("M10.0 5.0L20.0 10.0M60.0 30.0L90.0 45.0")
     assert tree.find(f"{space}image") is not None
     assert "<path" not in map_plot([("1", "#000", x * np.nan, x)], (100, 80), title="ways")
+
+
+def test_the_scale_of_a_place_is_the_height_over_the_focal_length_in_the_middle_and_unknown_where_it_tilts():
+    camera = rsflow.Camera(200.0, 200.0, 79.5, 59.5, width=160, height=120, distortion=(-0.1, 0, 0, 0, 0))
+    places = np.array([(79.5, 59.5), (150.0, 110.0)])
+    middle, corner = scales(camera, 2.0, 1.0, places)
+    assert middle == pytest.approx(0.01, rel=1e-3)
+    # The lens shows what is far out smaller.
+    assert 1.02 < corner / middle < 1.2
+    assert np.isnan(scales(camera, 2.0, 0.9, places)).all()
+    assert np.isnan(scales(camera, np.nan, 1.0, places)).all()

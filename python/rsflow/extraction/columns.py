@@ -121,7 +121,8 @@ OBJECTS = {
     "x_ground_px": "its place in the picture of the first frame, to the right: over the ground, where the camera moves",
     "y_ground_px": "the same, downwards",
     "travelled_px": "length of its path there",
-    "vx_m_s": "its velocity over the ground to the right in the picture, with a scale or a camera and a height",
+    "vx_m_s": "its velocity over the ground to the right in the picture, with a camera that looks "
+    "down to within 8 degrees and its height, or a scale",
     "vy_m_s": "the same, downwards",
     "vx_std_m_s": "standard deviation of vx_m_s, without that of the scale",
     "vy_std_m_s": "standard deviation of vy_m_s, likewise",

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import OptionError
 from .log_use import LogUse
 from .metric import fitting_camera
+from .thing_scale import scales
 from .variance_shares import VarianceShares
 
 if TYPE_CHECKING:
@@ -90,6 +91,8 @@ class Ground:
         if self._attitudes is not None:
             self._doubt_attitudes(self._attitudes)
         self._estimator: VelocityEstimator | None = None
+        # The camera as it fits the frames.
+        self.fitted: Camera | None = None
         self._prev_t_s = math.nan
         # What the estimator was told at the last frame: height_m or range_m, rate_rad_s, down.
         self._last: dict[str, Any] = {}
@@ -123,6 +126,7 @@ class Ground:
         from ..velocity import VelocityEstimator
 
         camera, note = fitting_camera(self._camera, stream, roi)
+        self.fitted = camera
         if note:
             self.notes.append(note)
         sensors = self.sensors
@@ -142,6 +146,15 @@ class Ground:
         self._estimator = VelocityEstimator(
             camera, **{name: value for name, value in stated.items() if value is not None}
         )
+
+    def scales(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Give metres on the ground for each pixel at places (n, 2) of the last frame; NaN where that is not known."""
+        known = self.known
+        axis = np.array([0.0, 0.0, 1.0]) if self._mount is None else self._mount[:, 2]
+        along = 1.0 if known["down"] is None else float(axis @ known["down"])
+        height_m = known["height_m"]
+        assert self.fitted is not None, "open comes first"
+        return scales(self.fitted, math.nan if height_m is None else float(height_m), along, places)
 
     @property
     def is_open(self) -> bool:

@@ -179,7 +179,7 @@ class Pipeline:
             segmentation=segmentation,
             velocity=velocity,
             motion=rows.motion_row(frame, dt_s, shift, flow, segmentation),
-            objects=rows.object_rows(frame, segmentation),
+            objects=rows.object_rows(frame, segmentation, None if self.ground is None else self.ground.scales),
             velocity_row=table_row,
         )
 

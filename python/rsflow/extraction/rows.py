@@ -12,6 +12,8 @@ from .._results.status import Status, WordStatus
 from ..capture.masks import share
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ..capture.stream import Frame
     from ..flow.field import FlowField
     from ..segmentation.result import MotionSegmentation
@@ -129,8 +131,19 @@ def present(segmentation: MotionSegmentation) -> int:
 
 
 def object_rows(
-    frame: Frame, segmentation: MotionSegmentation, scale_m_per_px: float = math.nan
+    frame: Frame,
+    segmentation: MotionSegmentation,
+    scales: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
 ) -> list[dict[str, Any]]:
-    """Give the rows of ``objects.csv`` for one frame, those that are seen before the hidden ones."""
+    """Give the rows of ``objects.csv`` for one frame, those that are seen before the hidden ones.
+
+    `scales` gives metres for each pixel at places (n, 2) of the picture.
+    """
     things = (*segmentation.objects, *segmentation.hidden)
-    return [{"frame": frame.index, "t_s": frame.t_s, **thing.to_dict(scale_m_per_px)} for thing in things]
+    known = [math.nan] * len(things)
+    if scales is not None and things:
+        known = scales(np.array([(thing.x, thing.y) for thing in things], np.float64)).tolist()
+    return [
+        {"frame": frame.index, "t_s": frame.t_s, **thing.to_dict(scale)}
+        for thing, scale in zip(things, known, strict=True)
+    ]
