@@ -20,6 +20,8 @@ _SAMPLES = 16
 BINS = 16
 # Share of a region's samples whose motion must be known for their median to be its motion.
 _ENOUGH_MOTION = 0.3
+# What moves by less than this share of the fastest tenth stands, if so much of the rest goes.
+_GOING, _LEAST_GOING = 0.3, 0.25
 # Neighbouring pixels' motion is alike: so many count as one.
 _ALIKE_PX = 50.0
 
@@ -99,7 +101,9 @@ def observe(
 def _medians(vectors: NDArray[Any], inside: NDArray[np.bool_], area: F64) -> tuple[F64, F64]:
     """Median of the known vectors of each row, and its variance; the lower of two middle ones."""
     known = inside & np.isfinite(vectors[..., 0]) & np.isfinite(vectors[..., 1])
-    count, within = known.sum(axis=1), inside.sum(axis=1)
+    told, within = known.sum(axis=1), inside.sum(axis=1)
+    known = _going(np.where(known, np.hypot(vectors[..., 0], vectors[..., 1]), -1.0).astype(np.float64), known, told)
+    count = known.sum(axis=1)
     # What is not known comes last.
     order = np.sort(np.where(known[..., None], vectors, np.inf).astype(np.float64), axis=1)
     row = np.arange(len(count))
@@ -109,10 +113,21 @@ def _medians(vectors: NDArray[Any], inside: NDArray[np.bool_], area: F64) -> tup
     with np.errstate(invalid="ignore"):
         spread = (quartile[2] - quartile[0]) * (0.7413 * 1.2533)
     free = np.clip(area * (count / np.maximum(within, 1)) / _ALIKE_PX, 1.0, np.maximum(count, 1))
-    enough = (count >= _ENOUGH_MOTION * within) & (count > 0)
+    enough = (told >= _ENOUGH_MOTION * within) & (count > 0)
     median = np.where(enough[:, None], quartile[1], np.nan)
     variance = np.where(enough[:, None], spread * spread / free[:, None], np.inf)
     return median, variance
+
+
+def _going(length: F64, known: NDArray[np.bool_], count: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Leave out what stands in a region that goes: shadow and pavement around a thing."""
+    longest = np.sort(length, axis=1)
+    # Unknown ones come first.
+    high = longest[np.arange(len(count)), length.shape[1] - 1 - count // 10]
+    going = known & (length >= _GOING * high[:, None])
+    enough = going.sum(axis=1) >= _LEAST_GOING * count
+    out: NDArray[np.bool_] = np.where(enough[:, None], going, known)
+    return out
 
 
 def histograms(grey: NDArray[Any], inside: NDArray[np.bool_]) -> F64:
