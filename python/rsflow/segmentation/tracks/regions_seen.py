@@ -20,8 +20,10 @@ _SAMPLES = 16
 BINS = 16
 # Share of a region's samples whose motion must be known for their median to be its motion.
 _ENOUGH_MOTION = 0.3
-# What moves by less than this share of the fastest tenth stands, if so much of the rest goes.
+# What moves by less than this share of the fastest tenth stands, if so much of the rest goes, and that tenth by so many
+# pixels per frame: what is chosen from noise by its length is too long.
 _GOING, _LEAST_GOING = 0.3, 0.25
+_LEAST_FASTEST_PX = 1.0
 # Neighbouring pixels' motion is alike: so many count as one.
 _ALIKE_PX = 50.0
 
@@ -125,7 +127,7 @@ def _going(length: F64, known: NDArray[np.bool_], count: NDArray[np.intp]) -> ND
     # Unknown ones come first.
     high = longest[np.arange(len(count)), length.shape[1] - 1 - count // 10]
     going = known & (length >= _GOING * high[:, None])
-    enough = going.sum(axis=1) >= _LEAST_GOING * count
+    enough = (going.sum(axis=1) >= _LEAST_GOING * count) & (high >= _LEAST_FASTEST_PX)
     out: NDArray[np.bool_] = np.where(enough[:, None], going, known)
     return out
 
