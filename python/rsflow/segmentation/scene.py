@@ -19,7 +19,7 @@ import numpy as np
 
 from . import regions
 from .patches import boxes_of, canvas, cut, hatched, parts_around
-from .scene_memory import SceneMemory, light_table
+from .scene_memory import SceneMemory, apart, light_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -277,7 +277,8 @@ class StaticScene:
 
         whole = (0, 0, self._size[1], self._size[0])
         scene, known = self._behind(whole, waiting.to_canvas)
-        far = np.asarray(cv2.absdiff(scene, waiting.picture), np.uint8).max(axis=2)
+        channels = [[np.asarray(plane, np.uint8) for plane in cv2.split(each)] for each in (scene, waiting.picture)]
+        far = apart(*channels)
         other = cv2.bitwise_and(cv2.compare(far, _GONE_LEVELS, cv2.CMP_GT), known)
         # Edges that are a pixel off are no things.
         other = cv2.morphologyEx(other, cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     U8 = NDArray[np.uint8]
 
-__all__ = ["SceneMemory"]
+__all__ = ["SceneMemory", "apart", "light_table"]
 
 # Colours that differ by at most so many levels in each channel are one state; more where the picture is noisy, by this
 # many of its deviations.
@@ -62,7 +62,7 @@ class SceneMemory:
 
         at = cut(part)
         channels = [np.asarray(channel, np.uint8) for channel in cv2.split(picture)]
-        far = _apart(channels, [plane[at] for plane in self.now])
+        far = apart(channels, [plane[at] for plane in self.now])
         known = cv2.compare(self.now_seen[at], 0, cv2.CMP_GT)
         first = cv2.bitwise_and(still, cv2.bitwise_not(known))
         if first.any():
@@ -167,7 +167,7 @@ class SceneMemory:
         if among is not None:
             more = cv2.bitwise_and(cv2.compare(self.other_seen[at], self.now_seen[at], cv2.CMP_GT), among)
             # States that are alike differ in their light: that of now has no seams.
-            more = cv2.bitwise_and(more, cv2.compare(_apart(now, other), _LIGHT_LEVELS, cv2.CMP_GT))
+            more = cv2.bitwise_and(more, cv2.compare(apart(now, other), _LIGHT_LEVELS, cv2.CMP_GT))
             if more.any():
                 # Not pixel by pixel.
                 more = cv2.morphologyEx(more, cv2.MORPH_CLOSE, _AROUND)
@@ -176,7 +176,7 @@ class SceneMemory:
         return cv2.merge(now), known
 
 
-def _apart(one: list[U8], other: list[U8]) -> U8:
+def apart(one: list[U8], other: list[U8]) -> U8:
     """Give the largest difference of three channels."""
     import cv2
 
