@@ -121,9 +121,12 @@ def halves(regions: Regions, number: int, motion: NDArray[np.floating]) -> F64:
     for axis, turned in enumerate((seen.transpose(1, 0, 2), seen)):
         strips = turned.reshape(_STRIPS, -1, 2)
         known = np.isfinite(strips[..., 0])
-        if (known.sum(axis=1) < _LEAST_KNOWN).any():
+        count = known.sum(axis=1)
+        if (count < _LEAST_KNOWN).any():
             continue
-        medians = np.array([np.median(strip[at], axis=0) for strip, at in zip(strips, known, strict=True)])
+        # What is not known comes last.
+        order = np.sort(np.where(known[..., None], strips, np.inf), axis=1)
+        medians = order[np.arange(_STRIPS), (count - 1) // 2]
         change = medians[2] - medians[1]
         whole = medians[3] - medians[0]
         far = float(np.hypot(*change))
