@@ -216,6 +216,12 @@ def _segmentation_bench() -> bench.SegmentationBench:
     return bench.SegmentationBench((row,), "avx2", 1, 2, 90, (320, 240), {})
 
 
+def _extract_bench() -> bench.ExtractBench:
+    row = bench.ExtractRow((64, 48), "everything", 2.0, 3.0, 0.2, 0.3)
+    part = bench.PartRow((64, 48), "dense flow", 0.3)
+    return bench.ExtractBench((row,), (part,), 2, "avx2", 90, {})
+
+
 def _latency_row() -> bench.LatencyRow:
     return bench.LatencyRow((64, 64), "rsflow", "frame to velocity", 0.4, 0.7)
 
@@ -433,6 +439,10 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.bench.Bench.conditions": lambda _: (bench.Bench((_bench_row(),), "avx2", 1, 1, {}).conditions, {}),
     "rsflow.bench.Bench.tables": lambda _: (bench.Bench((_bench_row(),), "avx2", 1, 1, {}).tables, {}),
     "rsflow.bench.ConditionRow": lambda _: (bench.ConditionRow, _fields(_condition_row())),
+    "rsflow.bench.ExtractBench": lambda _: (bench.ExtractBench, _fields(_extract_bench())),
+    "rsflow.bench.ExtractBench.tables": lambda _: (_extract_bench().tables, {}),
+    "rsflow.bench.ExtractRow": lambda _: (bench.ExtractRow, _fields(_extract_bench().rows[0])),
+    "rsflow.bench.PartRow": lambda _: (bench.PartRow, _fields(_extract_bench().parts[0])),
     "rsflow.bench.LatencyRow": lambda _: (bench.LatencyRow, _fields(_latency_row())),
     "rsflow.bench.Row": lambda _: (bench.Row, _fields(_bench_row())),
     "rsflow.bench.SegmentationBench": lambda _: (bench.SegmentationBench, _fields(_segmentation_bench())),

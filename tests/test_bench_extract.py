@@ -10,8 +10,9 @@ import cv2
 import pytest
 
 import rsflow
-from rsflow import bench, cli
-from rsflow.bench import EXTRACT_MARKS, ExtractBench, ExtractRow, PartRow, extract_run, measure_extract
+from rsflow import cli
+from rsflow.bench import EXTRACT_MARKS, ExtractBench, ExtractRow, PartRow, extract_run
+from rsflow.bench.extract_run import measure_extract
 
 SMALL = (64, 48)
 
@@ -69,7 +70,7 @@ def test_command_prints_both_tables_and_rewrites_a_page(
     rows = (ExtractRow((640, 480), "tables", 12.0, 21.0, 10.0, 20.0),)
     made = ExtractBench(rows, (PartRow((640, 480), "velocity", 1.5),), 2, "avx2", 150, {"rsflow": "0.1.0"})
     asked: list[dict[str, object]] = []
-    monkeypatch.setattr(bench, "measure_extract", lambda **options: asked.append(options) or made)
+    monkeypatch.setattr(extract_run, "measure_extract", lambda **options: asked.append(options) or made)
     first, last = EXTRACT_MARKS
     page = tmp_path / "page.md"
     page.write_text(f"{first}\n{last}\n", encoding="utf-8")

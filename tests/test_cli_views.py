@@ -130,7 +130,7 @@ def test_segment(tmp_path: Path, clip: str, capsys: pytest.CaptureFixture[str]) 
         "moving.mp4",
         "objects.csv",
         "objects.json",
-        "paths.png",
+        "paths.svg",
         "static.mp4",
     ]
     mask = cv2.imread(str(out / "masks" / "000005.png"), cv2.IMREAD_GRAYSCALE) > 0

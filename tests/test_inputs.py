@@ -258,7 +258,7 @@ def test_unknown_and_partial_results_are_refused(here, capsys):
 OTHERS = {
     "segment": (
         ["segment", "{}", "-o", "out"],
-        {"moving.mp4", "static.mp4", "objects.csv", "objects.json", "paths.png"},
+        {"moving.mp4", "static.mp4", "objects.csv", "objects.json", "paths.svg"},
     ),
     "track": (["track", "{}", "-o", "out"], {"tracks.mp4", "tracks.csv"}),
     "velocity": (

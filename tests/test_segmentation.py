@@ -10,9 +10,7 @@ import pytest
 import skimage.data
 
 import rsflow
-from rsflow.segmentation import MotionSegmenter, homography
-from rsflow.segmentation.background import median
-from rsflow.segmentation.photometric import fit_light
+from rsflow.segmentation import MotionSegmenter
 
 HEIGHT, WIDTH = 160, 208
 
@@ -270,55 +268,3 @@ def test_misuse_says_what_is_wrong() -> None:
         segmenter.update(frame, flow=SimpleNamespace(uv=flow.uv[1:], valid=flow.valid[1:]))
     segmenter.reset()
     assert segmenter.update(frame).status == "first_frame"
-
-
-@pytest.mark.parametrize("name", ["translation", "similarity", "affine", "homography"])
-def test_the_simplest_model_that_explains_the_flow(name: str) -> None:
-    rng = np.random.default_rng(4)
-    points = rng.uniform(0, 600, (500, 2))
-    truth = {
-        "translation": [[1, 0, 4], [0, 1, -2], [0, 0, 1]],
-        "similarity": [[1.01, -0.02, 4], [0.02, 1.01, -2], [0, 0, 1]],
-        "affine": [[1.01, -0.02, 4], [0.01, 0.98, -2], [0, 0, 1]],
-        "homography": [[1.01, -0.02, 4], [0.01, 0.98, -2], [2e-5, -3e-5, 1]],
-    }[name]
-    vectors = homography.apply(np.array(truth, float), points) - points + rng.normal(0, 0.1, points.shape)
-    # A third moves on its own, coherently.
-    vectors[:160] += (6, 3)
-    points[:160] = rng.uniform(200, 400, (160, 2))
-    vectors[:160] = homography.apply(np.array(truth, float), points[:160]) - points[:160] + (6, 3)
-    fit = homography.fit(points, vectors)
-    assert fit.model == name
-    assert fit.sigma_px == pytest.approx(0.1, rel=0.5)
-    assert 0.6 < fit.explained < 0.72
-    corners = np.array([[0.0, 0], [600, 0], [0, 600], [600, 600]])
-    expected = homography.apply(np.array(truth, float), corners)
-    np.testing.assert_allclose(homography.apply(fit.homography, corners), expected, atol=0.1)
-    assert homography.fit(points[:5], vectors[:5]).model == "none"
-
-
-def test_the_median_leaves_out_what_is_missing() -> None:
-    rng = np.random.default_rng(2)
-    stack = [rng.normal(size=(70, 30)).astype(np.float32) for _ in range(9)]
-    for image in stack:
-        image[rng.random(image.shape) < 0.4] = np.inf
-    stack[0][0, 0] = 1.0
-    for image in stack:
-        image[1, 1] = np.inf
-    out, count = median(stack)
-    ordered = np.sort(np.array(stack), axis=0)
-    assert count[1, 1] == 0
-    assert np.isnan(out[1, 1])
-    for y, x in np.argwhere(count > 0)[::7]:
-        assert out[y, x] == ordered[(count[y, x] - 1) // 2, y, x]
-
-
-def test_light_is_fitted_beside_things() -> None:
-    rng = np.random.default_rng(3)
-    reference = rng.uniform(20, 200, (90, 90)).astype(np.float32)
-    image = 0.8 * reference + 12
-    image[:, :25] = 255
-    gain, offset = fit_light(reference, image, np.ones(image.shape, bool))
-    assert gain == pytest.approx(0.8, abs=0.01)
-    assert offset == pytest.approx(12, abs=1)
-    assert fit_light(reference[:4, :4], image[:4, :4], np.ones((4, 4), bool)) == (1.0, 0.0)

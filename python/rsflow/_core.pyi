@@ -9,12 +9,11 @@ __all__ = [
     "DenseFlow",
     "PlaneTracker",
     "PointTracker",
+    "Segmenter",
     "__version__",
     "build_info",
     "detect_corners",
     "estimate_shift",
-    "find_parallax",
-    "fit_camera",
     "fit_plane",
     "gaussian_pyramid",
     "get_num_threads",
@@ -24,7 +23,6 @@ __all__ = [
     "shift_statuses",
     "track_points",
     "track_pyr_lk",
-    "unexplained_motion",
 ]
 
 __version__: str
@@ -166,10 +164,27 @@ class DenseFlow:
     def restore(self, state: dict[str, Any] | None) -> None: ...
 
 _Homography = list[list[float]]
-_Belief = tuple[list[float], float | None, float, bool, bool, list[float], list[float], list[float]]
 
-def fit_camera(vectors: NDArray[np.float64], before: _Homography | None) -> tuple[_Homography, str, float, float]: ...
-def find_parallax(
-    vectors: NDArray[np.float64], homography: _Homography, sigma_px: float, before: _Belief | None
-) -> _Belief | None: ...
-def unexplained_motion(residual: NDArray[np.float32], parallax: _Belief) -> NDArray[np.float32]: ...
+# Homography, model, deviation in pixels and explained share of the camera's motion
+_CameraFound = tuple[_Homography, str, float, float]
+# What moves, the camera's motion, whether there is parallax; gain, offset and noise
+_Segmented = tuple[NDArray[np.bool_], _CameraFound, bool, tuple[float, float, float]]
+
+@final
+class Segmenter:
+    def __new__(
+        cls, camera_moves: bool, min_area: int, scale: float, rounding: float, shape: tuple[int, int]
+    ) -> Self: ...
+    def update(
+        self,
+        frame: object,
+        uv: NDArray[np.float32] | None,
+        valid: NDArray[np.bool_] | None,
+        mask: object,
+    ) -> _Segmented: ...
+    def reduced_shape(self) -> tuple[int, int]: ...
+    def residual(self) -> tuple[NDArray[np.float32], NDArray[np.bool_]]: ...
+    def scene(self) -> NDArray[np.float32]: ...
+    def reset(self) -> None: ...
+    def state(self) -> dict[str, Any]: ...
+    def restore(self, state: dict[str, Any]) -> None: ...

@@ -54,6 +54,8 @@ pub use pyramid::Pyramid;
 pub use segment::MotionVector;
 pub use segment::camera::{CameraModel, CameraMotion, fit_camera};
 pub use segment::parallax::{Parallax, find_parallax};
+pub use segment::segmenter::{GivenFlow, Segmented, Segmenter, SegmenterOptions};
+pub use segment::snapshot::SegmenterSnapshot;
 pub use shift::{Roi, Shift, ShiftDeformation, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::SimdLevel;
 pub use support::Masks;

@@ -10,7 +10,7 @@ mod interrupt;
 mod outputs;
 mod plane;
 mod points;
-mod segment;
+mod segmenter;
 mod shared;
 mod shift;
 mod states;
@@ -125,7 +125,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(corners::detect_corners, module)?)?;
     module.add_class::<tracker::PyPointTracker>()?;
     plane::register(module)?;
-    segment::register(module)?;
+    segmenter::register(module)?;
     module.add_function(wrap_pyfunction!(shift::estimate_shift, module)?)?;
     module.add_function(wrap_pyfunction!(shift::shift_statuses, module)?)?;
     Ok(())

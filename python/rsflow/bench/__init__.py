@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from .extract_run import measure_extract
 from .extract_tables import EXTRACT_MARKS, ExtractBench, ExtractRow, PartRow
 from .run import measure
 from .segmentation_run import measure_segmentation
@@ -28,7 +27,6 @@ __all__ = [
     "SegmentationRow",
     "VelocityBench",
     "measure",
-    "measure_extract",
     "measure_segmentation",
     "measure_velocity",
     "with_tables",

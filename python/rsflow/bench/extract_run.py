@@ -81,7 +81,7 @@ def measure_extract(*, threads: int = 2, frames: int = 150, quick: bool = False)
 
     Examples
     --------
-    >>> from rsflow.bench import measure_extract
+    >>> from rsflow.bench.extract_run import measure_extract
     >>> found = measure_extract(quick=True)  # doctest: +SKIP
     """
     import cv2

@@ -164,10 +164,11 @@ def _segmentation(args: argparse.Namespace) -> SegmentationBench:
 
 
 def _extract(args: argparse.Namespace) -> ExtractBench:
-    from rsflow import bench
 
     frames = 150 if args.rounds is None else args.rounds
-    return bench.measure_extract(threads=args.threads, frames=frames, quick=args.quick)
+    from rsflow.bench import extract_run
+
+    return extract_run.measure_extract(threads=args.threads, frames=frames, quick=args.quick)
 
 
 def _told(name: str) -> None:

@@ -36,7 +36,7 @@ Tell what moves from what stands still in a SOURCE (a video, a folder or glob of
 
 In OUT: moving.mp4 (what moves, with numbers), static.mp4 (the same without it), objects.csv (a row for each thing in
 each frame, units in the names of the columns), objects.json (counts, speeds, where things came and went, counts across
-lines), paths.png (their paths), and with --masks a black and white picture of each frame.
+lines), paths.svg (their paths), and with --masks a black and white picture of each frame.
 
 examples:
   rsflow segment street.mp4 -o out --camera-motion static     a camera on a pole: sharper outlines
@@ -52,7 +52,7 @@ _NAMES = (
     "static.mp4",
     "objects.csv",
     "objects.json",
-    "paths.png",
+    "paths.svg",
     "masks/[0-9][0-9][0-9][0-9][0-9][0-9]*.png",
 )
 
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     from rsflow.capture.masks import expect_size
     from rsflow.capture.too_few import expect_range, too_few
     from rsflow.extraction.things import Seen
-    from rsflow.plotting.drawing import save_picture
+    from rsflow.plotting.drawing import save_picture, svg_of
     from rsflow.segmentation.object_table import ObjectTable
     from rsflow.segmentation.tracks.lines import CountingLine
     from rsflow.segmentation.tracks.statistics import ObjectStatistics
@@ -168,7 +168,8 @@ def run(args: argparse.Namespace) -> int:
         folder.finish(files)
     (out / "objects.json").write_text(json.dumps(statistics.to_dict(), indent=2) + "\n", encoding="utf-8")
     scene = result.static_view(frame.color) if segmenter.static_camera else None
-    save_picture(out / "paths.png", statistics.picture(scene))
+    # No PNG: beside the pictures of a source it would be read as one of them.
+    (out / "paths.svg").write_text(svg_of(statistics.picture(scene)), encoding="utf-8")
     if not args.json:
         print(seen.text())
         _tell_lines(statistics)

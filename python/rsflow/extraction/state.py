@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._shared import Shared
+
 __all__ = ["decode", "encode"]
 
 # What of an object is not part of its state: it is made anew.
@@ -20,18 +22,14 @@ _MADE_ANEW = frozenset({"_flow", "_fixed", "_shared_lock"})
 
 def _classes() -> dict[str, type]:
     from ..plotting import QuiverStyle
-    from ..segmentation.background import Background, _Kept
-    from ..segmentation.foreground import Outline
+    from ..segmentation.levels import Levels
     from ..segmentation.objects import ObjectTracker
-    from ..segmentation.parallax import Parallax
     from ..segmentation.segmenter import MotionSegmenter
     from ..segmentation.tracks.followed import Followed
     from .drift import Drift
     from .trajectory import Trajectory
 
-    classes: tuple[type, ...] = (
-        Background, _Kept, Outline, ObjectTracker, Followed, Parallax, QuiverStyle, MotionSegmenter, Drift, Trajectory,
-    )  # fmt: skip
+    classes: tuple[type, ...] = (Levels, ObjectTracker, Followed, QuiverStyle, MotionSegmenter, Drift, Trajectory)
     return {item.__name__: item for item in classes}
 
 
@@ -63,6 +61,8 @@ def encode(value: Any, arrays: list[NDArray[Any]]) -> Any:
             return {"dict": {name: node(item) for name, item in value.items()}}
         if classes.get(type(value).__name__) is type(value):
             state = {name: item for name, item in vars(value).items() if name not in _MADE_ANEW}
+            if isinstance(value, Shared):
+                state = value._packed(state)
             return {"object": type(value).__name__, "state": {name: node(item) for name, item in state.items()}}
         raise TypeError(f"a {type(value).__name__} is no part of a state")
 
@@ -95,8 +95,11 @@ def decode(tree: Any, arrays: Sequence[NDArray[Any]], *, make: Mapping[str, Call
             return {name: value(item) for name, item in node["dict"].items()}
         name = node["object"]
         made = make[name]() if name in make else object.__new__(classes[name])
-        for attribute, item in node["state"].items():
-            object.__setattr__(made, attribute, value(item))
+        state = {attribute: value(item) for attribute, item in node["state"].items()}
+        if isinstance(made, Shared):
+            state = made._unpacked(state)
+        for attribute, item in state.items():
+            object.__setattr__(made, attribute, item)
         return made
 
     return value(tree)

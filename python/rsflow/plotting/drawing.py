@@ -197,6 +197,19 @@ def expect_picture_name(path: object, *, vectors: bool = False) -> Path:
     return _checks.file_name("path", path, (*PICTURE_SUFFIXES, ".svg") if vectors else PICTURE_SUFFIXES)
 
 
+def svg_of(picture: NDArray[np.uint8]) -> str:
+    """Give a picture, (height, width, 3) in blue, green, red, as the text of an SVG file that holds it."""
+    import base64
+
+    import cv2
+
+    data = base64.b64encode(cv2.imencode(".png", picture)[1].tobytes()).decode("ascii")
+    height, width = picture.shape[:2]
+    size = f'width="{width}" height="{height}"'
+    image = f'<image {size} href="data:image/png;base64,{data}"/>'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="0 0 {width} {height}">{image}</svg>\n'
+
+
 def save_picture(path: str | os.PathLike[str], picture: NDArray[np.uint8]) -> None:
     """Write a picture as PNG or JPEG, beside its final name first.
 

@@ -121,6 +121,11 @@ class TrackedObject:
     y_ground_px: float = math.nan
     travelled_px: float = math.nan
 
+    def __repr__(self) -> str:
+        what = f"TrackedObject(id={self.id}, {self.state}, x={self.x:.1f}, y={self.y:.1f}, box={self.box}"
+        speed = f"vx_px_per_frame={self.vx_px_per_frame:.2f}, vy_px_per_frame={self.vy_px_per_frame:.2f}"
+        return f"{what}, area={self.area}, {speed}, age_frames={self.age_frames})"
+
     @property
     def vx_px_s(self) -> float:
         """Its velocity to the right against the still surroundings, in pixels per second."""

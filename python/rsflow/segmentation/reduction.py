@@ -1,9 +1,8 @@
-"""A frame reduced by a whole number for judging pixels: images, masks and motion to it and back."""
+"""Frames reduced by a whole number, a power of two, as `_core.Segmenter` judges flow on them: to it and back."""
 
 from __future__ import annotations
 
-import dataclasses
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -13,97 +12,61 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     F32 = NDArray[np.float32]
-    F64 = NDArray[np.float64]
     Mask = NDArray[np.bool_]
+    Shape = tuple[int, ...]
 
-# Larger frames are reduced: outlines are then that much coarser, and the work does not grow with the sensor.
-_MOST_PIXELS = 200_000
+_Scalar = TypeVar("_Scalar", bound="np.generic")
 
 
-@dataclasses.dataclass(frozen=True)
-class Reduction:
-    """How a frame of `full` (height, width) is reduced by `factor`."""
+def factor(shape: Shape, small: Shape) -> int:
+    """How many times smaller a reduced frame is; blocks at its right and its bottom may lack pixels."""
+    return max(-(-shape[0] // small[0]), -(-shape[1] // small[1]))
 
-    full: tuple[int, int]
-    factor: int
 
-    @classmethod
-    def of(cls, shape: tuple[int, ...]) -> Reduction:
-        """Choose the factor for a frame of this shape: a power of two."""
-        factor = 1
-        while shape[0] * shape[1] > _MOST_PIXELS * factor**2:
-            factor *= 2
-        return cls((shape[0], shape[1]), factor)
+def reduced(image: NDArray[Any], small: Shape) -> NDArray[Any]:
+    """Reduce a frame by the means of its blocks."""
+    import cv2
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the reduced frame, as OpenCV takes them."""
-        return max(self.full[1] // self.factor, 1), max(self.full[0] // self.factor, 1)
+    by = factor(image.shape, small)
+    if by == 1:
+        return image
+    return np.asarray(cv2.resize(_whole(image, small), (small[1], small[0]), interpolation=cv2.INTER_AREA))
 
-    def image(self, image: F32) -> F32:
-        """Reduce an image by averaging."""
-        import cv2
 
-        if self.factor == 1:
-            return image
-        out: F32 = cv2.resize(image, self.size, interpolation=cv2.INTER_AREA)
-        return out
+def all_of(mask: Mask, small: Shape) -> Mask:
+    """Reduce a mask: where it holds for every pixel of a block."""
+    by = factor(mask.shape, small)
+    blocks = _whole(mask.view(np.uint8), small).reshape(small[0], by, small[1], by)
+    return np.asarray(blocks.all(axis=(1, 3)), np.bool_)
 
-    def all(self, mask: Mask) -> Mask:
-        """Reduce a mask: where it holds for every pixel."""
-        if mask.all():
-            return np.ones((self.size[1], self.size[0]), bool)
-        return self.image(mask.astype(np.float32)) > 0.999
 
-    def any(self, mask: Mask) -> Mask:
-        """Reduce a mask: where it holds for some pixel."""
-        return self.image(mask.astype(np.float32)) > 0.001
+def enlarged(plane: NDArray[_Scalar], shape: Shape) -> NDArray[_Scalar]:
+    """Give each pixel of a frame the value of its block; a plane of the frame's size is given as it is."""
+    import cv2
 
-    def motion(self, uv: F32, valid: Mask) -> F32:
-        """Reduce a motion, in reduced pixels then; zero where it is not valid."""
-        known = uv if valid.all() else np.where(valid[..., None], uv, np.float32(0))
-        return self.image(known) / np.float32(self.factor)
+    by = factor(shape, plane.shape)
+    if by == 1:
+        return plane
+    size = (plane.shape[1] * by, plane.shape[0] * by)
+    whole = cv2.resize(plane, size, interpolation=cv2.INTER_NEAREST)
+    return np.ascontiguousarray(whole[: shape[0], : shape[1]], plane.dtype)
 
-    def homography(self, full: F64) -> F64:
-        """Bring a homography of full frames to reduced pixels."""
-        if self.factor == 1:
-            return full
-        # Pixel centres: X = (x + 0.5) k - 0.5.
-        shift = (self.factor - 1) / 2
-        up = np.array([[self.factor, 0, shift], [0, self.factor, shift], [0, 0, 1.0]])
-        out: F64 = np.linalg.inv(up) @ full @ up
-        return out
 
-    def point(self, full: F64) -> F64:
-        """Bring a homogeneous point of full frames to reduced pixels."""
-        shift = (self.factor - 1) / 2
-        x, y, w = full
-        return np.array([(x - shift * w) / self.factor, (y - shift * w) / self.factor, w])
+def enlarged_at(where: Mask, motion: F32) -> F32:
+    """Give the pixels of a mask the vectors of their blocks; NaN elsewhere."""
+    by = factor(where.shape, motion.shape)
+    out = np.full((*where.shape, 2), np.nan, np.float32)
+    rows, columns = pixels(where)
+    out[rows, columns] = motion[rows // by, columns // by]
+    return out
 
-    def enlarged(self, mask: Mask) -> Mask:
-        """Enlarge a mask, its outline smoothed."""
-        import cv2
 
-        if self.factor == 1:
-            return mask
-        size = (self.full[1], self.full[0])
-        out: Mask = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) > 0.5
-        return out
+def _whole(image: NDArray[Any], small: Shape) -> NDArray[Any]:
+    """Add to blocks at the right and at the bottom the pixels that they lack, like their neighbours."""
+    import cv2
 
-    def enlarged_image(self, image: F32) -> F32:
-        """Enlarge an image; what lies beside a NaN becomes NaN."""
-        import cv2
-
-        if self.factor == 1:
-            return image
-        out: F32 = cv2.resize(image, (self.full[1], self.full[0]), interpolation=cv2.INTER_LINEAR)
-        return out
-
-    def enlarged_motion(self, motion: F32, where: Mask) -> F32:
-        """Enlarge a motion, in the full frame's pixels, at the pixels of a mask; NaN elsewhere."""
-        out = np.full((*self.full, 2), np.nan, np.float32)
-        rows, columns = pixels(where)
-        limit = (motion.shape[0] - 1, motion.shape[1] - 1)
-        near = (np.minimum(rows // self.factor, limit[0]), np.minimum(columns // self.factor, limit[1]))
-        out[rows, columns] = motion[near] * np.float32(self.factor)
-        return out
+    by = factor(image.shape, small)
+    lacks = (small[0] * by - image.shape[0], small[1] * by - image.shape[1])
+    if lacks == (0, 0):
+        return image
+    return np.asarray(cv2.copyMakeBorder(image, 0, lacks[0], 0, lacks[1], cv2.BORDER_REPLICATE))

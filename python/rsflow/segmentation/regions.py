@@ -1,4 +1,4 @@
-"""Regions of a mask: labelled, grown from seeds, filled, cleaned."""
+"""Regions of a mask: labelled, widened, their pixels."""
 
 from __future__ import annotations
 
@@ -33,56 +33,6 @@ def labelled(mask: Mask) -> tuple[int, NDArray[np.int32], NDArray[np.int32], NDA
         mask.view(np.uint8), 8, cv2.CV_32S, cv2.CCL_BBDT
     )
     return count, labels, stats, centres
-
-
-def grown(weak: Mask, seeds: Mask) -> Mask:
-    """Keep the connected regions of `weak` that have a seed in them."""
-    import cv2
-
-    count, labels = cv2.connectedComponents((weak | seeds).view(np.uint8), connectivity=8)
-    hit = np.zeros(count, bool)
-    hit[np.unique(labels[seeds])] = True
-    hit[0] = False
-    out: Mask = hit[labels]
-    return out
-
-
-def filled_hulls(certain: Mask, possible: Mask, seeds: Mask) -> Mask:
-    """Grow seeds over certain and possible pixels, the latter only within the convex hull of the certain ones."""
-    import cv2
-
-    both = certain | seeds | possible
-    count, labels, stats, _ = labelled(both)
-    hit = np.zeros(count, bool)
-    hit[np.unique(labels[seeds])] = True
-    hit[0] = False
-    out: Mask = (certain | seeds) & hit[labels]
-    for label in np.nonzero(hit)[0]:
-        left, top, width, height, _ = stats[label]
-        box = np.s_[top : top + height, left : left + width]
-        here = labels[box] == label
-        rows, columns = np.nonzero(here & out[box])
-        hull = cv2.convexHull(np.column_stack([columns, rows]).astype(np.int32))
-        inside = cv2.fillConvexPoly(np.zeros((height, width), np.uint8), hull, 1).astype(bool)
-        out[box] |= here & inside
-    return out
-
-
-def cleaned(mask: Mask, size: int, min_area: int) -> Mask:
-    """Close gaps of up to `size` pixels, fill holes, and take away regions of fewer than `min_area` pixels."""
-    import cv2
-
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    padded = cv2.copyMakeBorder(mask.view(np.uint8), size, size, size, size, cv2.BORDER_CONSTANT, value=0)
-    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
-    closed = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    filled = np.zeros_like(closed)
-    kept = [contour for contour in contours if cv2.contourArea(contour) + len(contour) / 2 >= min_area]
-    if kept:
-        cv2.drawContours(filled, kept, -1, 1, cv2.FILLED)
-    inside: Mask = filled[size:-size, size:-size].astype(bool)
-    return inside
 
 
 def dilated(mask: Mask, size: int) -> Mask:

@@ -75,7 +75,7 @@ class MotionSegmentation:
     labels : (H, W) int32
         The number of the object at each pixel, 0 for none.
     background : (H, W) float32
-        The frame without what moves, in its own light: a temporal median; NaN where nothing is known yet.
+        The still scene as this frame would show it, in its light: a median of samples; NaN where nothing is known yet.
     status : SegmentationStatus
         ``"ok"``; ``"first_frame"``, with nothing to compare to; ``"no_camera_motion"`` where the flow does not tell the
         camera's motion. In the last two nothing is moving.
@@ -91,7 +91,7 @@ class MotionSegmentation:
     >>> segmenter = rsflow.MotionSegmenter(camera_motion="moving")
     >>> for frame in rsflow.synthetic.flight_with_object(frames=6):
     ...     seen = segmenter.update(frame.image)
-    >>> seen.valid, seen.camera_model, len(seen.objects), bool((seen.labels > 0).sum() == seen.moving.sum())
+    >>> seen.valid, seen.camera_model, len(seen.objects), bool(seen.moving[seen.labels > 0].all())
     (True, 'translation', 1, True)
     >>> seen.moving_view().shape == (*seen.moving.shape, 3)
     True

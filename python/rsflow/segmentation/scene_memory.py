@@ -163,15 +163,15 @@ class SceneMemory:
 
         at = cut(part)
         now, other = [plane[at] for plane in self.now], [plane[at] for plane in self.other]
-        known = cv2.compare(self.now_seen[at], 0, cv2.CMP_GT)
+        known = _above(self.now_seen[at], 0)
         if among is not None:
-            more = cv2.bitwise_and(cv2.compare(self.other_seen[at], self.now_seen[at], cv2.CMP_GT), among)
+            more = cv2.bitwise_and(_above(self.other_seen[at], self.now_seen[at]), among)
             # States that are alike differ in their light: that of now has no seams.
-            more = cv2.bitwise_and(more, cv2.compare(apart(now, other), _LIGHT_LEVELS, cv2.CMP_GT))
+            more = cv2.bitwise_and(more, _above(apart(now, other), _LIGHT_LEVELS))
             if more.any():
                 # Not pixel by pixel.
                 more = cv2.morphologyEx(more, cv2.MORPH_CLOSE, _AROUND)
-                more = cv2.bitwise_and(more, cv2.compare(self.other_seen[at], 0, cv2.CMP_GT))
+                more = cv2.bitwise_and(more, _above(self.other_seen[at], 0))
             now = [cv2.copyTo(old, more, new.copy()) for old, new in zip(other, now, strict=True)]
         return cv2.merge(now), known
 
@@ -205,3 +205,9 @@ def light_table(before: U8, now: U8) -> U8 | None:
     every = np.arange(256)
     table: U8 = np.clip(np.rint(line[0] * every + line[1]), 0, 255).astype(np.uint8)
     return table
+
+
+def _above(plane: NDArray[Any], limit: Any) -> U8:
+    """Where a plane is above a limit, 255: OpenCV takes an array of one element for a number."""
+    out: U8 = (plane > limit).view(np.uint8) * np.uint8(255)
+    return out

@@ -3,27 +3,47 @@
 //! `docs/algorithms.md`, section "What moves: MotionSegmenter".
 #![allow(
     dead_code,
-    reason = "parts of a segmenter that is still to be put together of them"
+    reason = "sums and windows that only their tests use as yet"
 )]
 
-mod agreement;
+pub(crate) mod agreement;
+pub(crate) mod align;
+pub(crate) mod background;
+mod background_kernels;
 pub(crate) mod box_filter;
 pub(crate) mod camera;
-mod camera_fit;
-mod camera_model;
-mod camera_rows;
-mod camera_samples;
+pub(crate) mod camera_fit;
+pub(crate) mod camera_model;
+pub(crate) mod camera_rows;
+pub(crate) mod camera_samples;
+pub(crate) mod canvas;
+pub(crate) mod change;
 pub(crate) mod components;
-mod epipole;
+mod decision;
+pub(crate) mod difference;
+mod difference_kernels;
+pub(crate) mod epipole;
+pub(crate) mod flow_evidence;
+mod flow_kernels;
+mod input;
+pub(crate) mod judge;
 pub(crate) mod light;
+mod lighting;
 pub(crate) mod local_correlation;
 pub(crate) mod morphology;
 pub(crate) mod parallax;
 pub(crate) mod reduction;
 pub(crate) mod regions;
+mod registration;
 pub(crate) mod runs;
-mod things;
-mod travel;
+pub(crate) mod scene;
+pub(crate) mod segmenter;
+mod significance;
+pub(crate) mod slopes;
+pub(crate) mod snapshot;
+pub(crate) mod things;
+pub(crate) mod transform;
+pub(crate) mod travel;
 pub(crate) mod vote;
 
 #[cfg(test)]

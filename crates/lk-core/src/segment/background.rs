@@ -1,0 +1,385 @@
+//! What was seen at each place of the canvas when nothing moved there: sixteen samples a pixel, replaced at random, their
+//! median and deviation. O. Barnich and M. Van Droogenbroeck, "ViBe: a universal background subtraction algorithm for
+//! video sequences", IEEE Trans. Image Processing 20(6), 2011.
+
+use crate::error::Result;
+use crate::execution::Execution;
+use crate::memory::resize;
+use crate::parallel::{RowsMut, SplitRows, even_bands, for_each_band};
+use crate::simd::dispatch;
+
+use super::background_kernels::{BLOCK, Distances, RelitSamples, SAMPLES, Sort, UNITS, sample_of};
+use super::light::Light;
+use super::morphology::Size;
+use super::transform::{Map, nearest};
+/// One pixel in so many takes a sample a frame, in each row one of so many side by side.
+const RATE: usize = 8;
+/// Frames after which all samples of a pixel are its own.
+const OLD: u8 = SAMPLES as u8;
+/// Medians are made anew after so many frames, of pixels that are not young.
+const REFRESH: usize = 4;
+/// Distance between the fourth and the thirteenth of sixteen normal samples, in standard deviations.
+const SPREAD: f32 = 1.32;
+
+/// The model.
+#[derive(Debug, Default, Clone)]
+pub(crate) struct Background {
+    pub(crate) size: Size,
+    /// Plane after plane.
+    pub(crate) samples: Vec<i16>,
+    /// 1 where something was learned.
+    pub(crate) known: Vec<u8>,
+    /// Frames that were learned, at most 255.
+    pub(crate) age: Vec<u8>,
+    /// Median of the samples, in grey levels.
+    pub(crate) median: Vec<f32>,
+    /// Standard deviation of the samples from their quartiles.
+    pub(crate) deviation: Vec<f32>,
+    pub(crate) frame: u64,
+}
+
+impl Background {
+    /// Nothing is known.
+    pub(crate) fn reset(&mut self, size: Size) -> Result<()> {
+        let pixels = size.0 * size.1;
+        self.size = size;
+        self.frame = 0;
+        self.samples.clear();
+        resize("samples", &mut self.samples, SAMPLES * pixels, 0)?;
+        for bytes in [&mut self.known, &mut self.age] {
+            bytes.clear();
+            resize("samples", bytes, pixels, 0)?;
+        }
+        for plane in [&mut self.median, &mut self.deviation] {
+            plane.clear();
+            resize("samples", plane, pixels, 0.0)?;
+        }
+        Ok(())
+    }
+
+    /// See the canvas anew: `map` takes a pixel of it to the old one's.
+    pub(crate) fn moved(&mut self, map: &Map, execution: &Execution) -> Result<()> {
+        let (size, pixels) = (self.size, self.size.0 * self.size.1);
+        let mut samples = Vec::new();
+        resize("samples", &mut samples, pixels, 0i16)?;
+        for plane in self.samples.chunks_exact_mut(pixels) {
+            nearest((plane, size), map, (&mut samples, size), 0, execution)?;
+            plane.copy_from_slice(&samples);
+        }
+        for bytes in [&mut self.known, &mut self.age] {
+            moved(bytes, size, map, 0, execution)?;
+        }
+        for plane in [&mut self.median, &mut self.deviation] {
+            moved(plane, size, map, 0.0, execution)?;
+        }
+        Ok(())
+    }
+
+    /// Write, for each pixel, how far the second nearest sample is from a picture in the background's light.
+    pub(crate) fn distances(
+        &self,
+        picture: &[f32],
+        to: &mut [f32],
+        execution: &Execution,
+    ) -> Result<()> {
+        let (width, height) = self.size;
+        let pixels = width * height;
+        let level = execution.simd_level();
+        let rows = even_bands(execution, height, [32_768 / width, 16_384 / width]);
+        for_each_band(
+            execution,
+            height,
+            rows,
+            RowsMut::new(to, width),
+            |band, part| {
+                let start = band.start * width;
+                let places = start..start + part.data.len();
+                dispatch(
+                    level,
+                    Distances {
+                        samples: &self.samples,
+                        pixels,
+                        start,
+                        picture: &picture[places],
+                        to: part.data,
+                    },
+                );
+            },
+        )
+    }
+
+    /// Take a picture in the background's light: where `seen` is 1 and `away` is not. Where `adopt` is 1 what was known is
+    /// forgotten first.
+    pub(crate) fn learn(
+        &mut self,
+        picture: &[f32],
+        [seen, away, adopt]: [&[u8]; 3],
+        execution: &Execution,
+    ) -> Result<()> {
+        let (width, height) = self.size;
+        self.frame += 1;
+        let frame = self.frame;
+        let level = execution.simd_level();
+        let part = Part {
+            samples: self.samples.chunks_exact_mut(width * height).collect(),
+            known: &mut self.known,
+            age: &mut self.age,
+            median: &mut self.median,
+            deviation: &mut self.deviation,
+            width,
+        };
+        let rows = even_bands(execution, height, [32_768 / width, 16_384 / width]);
+        for_each_band(execution, height, rows, part, |band, mut part| {
+            for (local, y) in band.enumerate() {
+                let row = y * width..(y + 1) * width;
+                let masks = [seen, away, adopt].map(|mask| &mask[row.clone()]);
+                part.learn_row(local, &picture[row], masks, (frame, y));
+                part.refresh_row(local, (frame as usize + y).is_multiple_of(REFRESH), level);
+            }
+        })
+    }
+}
+
+impl Background {
+    /// Show all that is known in another light.
+    pub(crate) fn relight(&mut self, light: &Light, execution: &Execution) -> Result<()> {
+        let (width, height) = self.size;
+        let level = execution.simd_level();
+        let part = Part {
+            samples: self.samples.chunks_exact_mut(width * height).collect(),
+            known: &mut self.known,
+            age: &mut self.age,
+            median: &mut self.median,
+            deviation: &mut self.deviation,
+            width,
+        };
+        let rows = even_bands(execution, height, [16_384 / width, 8192 / width]);
+        for_each_band(execution, height, rows, part, |band, mut part| {
+            let (mut gain, mut offset) = (vec![1.0; width], vec![0.0; width]);
+            for (local, y) in band.enumerate() {
+                light.row(y, &mut gain, &mut offset, level);
+                let row = local * width..(local + 1) * width;
+                for plane in &mut part.samples {
+                    dispatch(
+                        level,
+                        RelitSamples {
+                            gain: &gain,
+                            offset: &offset,
+                            samples: &mut plane[row.clone()],
+                        },
+                    );
+                }
+                let planes = part.median[row.clone()]
+                    .iter_mut()
+                    .zip(&mut part.deviation[row]);
+                for ((median, deviation), (gain, offset)) in planes.zip(gain.iter().zip(&offset)) {
+                    *median = *median * gain + offset;
+                    *deviation *= gain;
+                }
+            }
+        })
+    }
+}
+
+/// Move one plane.
+pub(crate) fn moved<T: Copy + Send + Sync>(
+    plane: &mut [T],
+    size: Size,
+    map: &Map,
+    missing: T,
+    execution: &Execution,
+) -> Result<()> {
+    let mut old = Vec::new();
+    crate::memory::replace("a moved plane", &mut old, plane.iter().copied())?;
+    nearest((&old, size), map, (plane, size), missing, execution)
+}
+
+/// Rows of the model that one band owns.
+struct Part<'a> {
+    samples: Vec<&'a mut [i16]>,
+    known: &'a mut [u8],
+    age: &'a mut [u8],
+    median: &'a mut [f32],
+    deviation: &'a mut [f32],
+    width: usize,
+}
+
+impl SplitRows for Part<'_> {
+    fn split_at_row(self, row: usize) -> (Self, Self) {
+        let at = row * self.width;
+        let (mut above, mut below) = (Vec::with_capacity(SAMPLES), Vec::with_capacity(SAMPLES));
+        for plane in self.samples {
+            let (a, b) = plane.split_at_mut(at);
+            above.push(a);
+            below.push(b);
+        }
+        let (known, age) = (self.known.split_at_mut(at), self.age.split_at_mut(at));
+        let (median, deviation) = (
+            self.median.split_at_mut(at),
+            self.deviation.split_at_mut(at),
+        );
+        let width = self.width;
+        (
+            Self {
+                samples: above,
+                known: known.0,
+                age: age.0,
+                median: median.0,
+                deviation: deviation.0,
+                width,
+            },
+            Self {
+                samples: below,
+                known: known.1,
+                age: age.1,
+                median: median.1,
+                deviation: deviation.1,
+                width,
+            },
+        )
+    }
+}
+
+impl Part<'_> {
+    fn learn_row(
+        &mut self,
+        local: usize,
+        picture: &[f32],
+        [seen, away, adopt]: [&[u8]; 3],
+        (frame, y): (u64, usize),
+    ) {
+        let start = local * self.width;
+        for (block, pixels) in picture.chunks(RATE).enumerate() {
+            let first = block * RATE;
+            let random = hashed(frame, y as u64, block as u64);
+            let chosen = (random % RATE as u64) as usize;
+            let slot = (random >> 32) as usize % SAMPLES;
+            for (k, value) in pixels.iter().enumerate() {
+                let x = first + k;
+                if seen[x] == 0 || (away[x] == 1 && adopt[x] == 0) {
+                    continue;
+                }
+                let at = start + x;
+                let sample = sample_of(*value);
+                if self.known[at] == 0 || adopt[x] == 1 {
+                    for plane in &mut self.samples {
+                        plane[at] = sample;
+                    }
+                    self.known[at] = 1;
+                    self.age[at] = 1;
+                    continue;
+                }
+                let age = self.age[at];
+                if age < OLD {
+                    let age = usize::from(age);
+                    self.samples[age % SAMPLES][at] = sample;
+                    self.samples[(age + SAMPLES / 2) % SAMPLES][at] = sample;
+                } else if k == chosen {
+                    self.samples[slot][at] = sample;
+                }
+                self.age[at] = age.saturating_add(1);
+            }
+        }
+    }
+
+    fn refresh_row(&mut self, local: usize, all: bool, level: crate::SimdLevel) {
+        let start = local * self.width;
+        let mut x = 0;
+        while x < self.width {
+            let end = (x + BLOCK).min(self.width);
+            let place = start + x..start + end;
+            let young = || {
+                self.age[place.clone()]
+                    .iter()
+                    .any(|age| *age > 0 && *age <= OLD + 2)
+            };
+            if all || young() {
+                let mut block = [[0i16; BLOCK]; SAMPLES];
+                for (to, plane) in block.iter_mut().zip(&self.samples) {
+                    to[..end - x].copy_from_slice(&plane[place.clone()]);
+                }
+                dispatch(level, Sort(&mut block));
+                let pairs = self.median[place.clone()]
+                    .iter_mut()
+                    .zip(&mut self.deviation[place]);
+                for (k, (median, deviation)) in pairs.enumerate() {
+                    let middle = i32::from(block[7][k]) + i32::from(block[8][k]);
+                    *median = middle as f32 / (2.0 * UNITS);
+                    let wide = i32::from(block[12][k]) - i32::from(block[3][k]);
+                    *deviation = wide as f32 / (SPREAD * UNITS);
+                }
+            }
+            x = end;
+        }
+    }
+}
+
+/// A number that looks random; of the frame, the row and the block alone.
+fn hashed(frame: u64, y: u64, block: u64) -> u64 {
+    let mut z = frame
+        .wrapping_mul(0x9e37_79b9_7f4a_7c15)
+        .wrapping_add(y.wrapping_mul(0xd1b5_4a32_d192_ed03))
+        .wrapping_add(block.wrapping_mul(0x8cb9_2ba7_2f3d_8dd7));
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_sorted() {
+        let mut block = [[0i16; BLOCK]; SAMPLES];
+        for (k, row) in block.iter_mut().enumerate() {
+            for (x, value) in row.iter_mut().enumerate() {
+                *value = (hashed(1, k as u64, x as u64) % 2000) as i16 - 1000;
+            }
+        }
+        let mut want = block;
+        for x in 0..BLOCK {
+            let mut column: Vec<i16> = block.iter().map(|row| row[x]).collect();
+            column.sort_unstable();
+            for (row, value) in want.iter_mut().zip(column) {
+                row[x] = value;
+            }
+        }
+        dispatch(crate::SimdLevel::detected(), Sort(&mut block));
+        assert_eq!(block, want);
+    }
+
+    #[test]
+    fn what_was_seen_is_near_and_its_median_is_known() {
+        let size = (70, 9);
+        let pixels = size.0 * size.1;
+        let mut model = Background::default();
+        model.reset(size).unwrap();
+        let (seen, none) = (vec![1; pixels], vec![0; pixels]);
+        let execution = Execution::default();
+        for t in 0..30 {
+            let picture: Vec<f32> = (0..pixels)
+                .map(|k| (k % 200) as f32 + (t % 3) as f32)
+                .collect();
+            model
+                .learn(&picture, [&seen, &none, &none], &execution)
+                .unwrap();
+        }
+        let picture: Vec<f32> = (0..pixels)
+            .map(|k| (k % 200) as f32 + 1.0 + 9.0 * f32::from(u8::from(k % 7 == 0)))
+            .collect();
+        let mut apart = vec![0.0; pixels];
+        model.distances(&picture, &mut apart, &execution).unwrap();
+        for (k, apart) in apart.iter().enumerate() {
+            assert!(
+                if k % 7 == 0 {
+                    *apart >= 8.0
+                } else {
+                    *apart <= 1.0
+                },
+                "{k}: {apart}"
+            );
+            assert!((model.median[k] - (k % 200) as f32 - 1.0).abs() <= 1.0);
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Rows of the samples of a background.
+
+use crate::simd::{Kernel, Simd};
+
+/// Samples of a pixel.
+pub(crate) const SAMPLES: usize = 16;
+
+/// Units of a sample in a grey level.
+pub(super) const UNITS: f32 = 16.0;
+
+/// Pixels whose medians are made at once.
+pub(super) const BLOCK: usize = 64;
+
+#[inline(always)]
+pub(super) fn sample_of(value: f32) -> i16 {
+    (value * UNITS + 0.5).floor() as i16
+}
+
+pub(super) struct RelitSamples<'a> {
+    pub(super) gain: &'a [f32],
+    pub(super) offset: &'a [f32],
+    pub(super) samples: &'a mut [i16],
+}
+
+impl Kernel for RelitSamples<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        for ((sample, gain), offset) in self.samples.iter_mut().zip(self.gain).zip(self.offset) {
+            *sample = sample_of(f32::from(*sample) * (1.0 / UNITS) * gain + offset);
+        }
+    }
+}
+
+pub(super) struct Distances<'a> {
+    pub(super) samples: &'a [i16],
+    pub(super) pixels: usize,
+    pub(super) start: usize,
+    pub(super) picture: &'a [f32],
+    pub(super) to: &'a mut [f32],
+}
+
+impl Kernel for Distances<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let mut at = self.start;
+        for (picture, to) in self.picture.chunks(BLOCK).zip(self.to.chunks_mut(BLOCK)) {
+            let count = picture.len();
+            let mut value = [0i16; BLOCK];
+            for (to, from) in value.iter_mut().zip(picture) {
+                *to = sample_of(*from);
+            }
+            let (mut first, mut second) = ([i16::MAX; BLOCK], [i16::MAX; BLOCK]);
+            for k in 0..SAMPLES {
+                let samples = &self.samples[k * self.pixels + at..][..count];
+                for (((sample, value), first), second) in
+                    samples.iter().zip(&value).zip(&mut first).zip(&mut second)
+                {
+                    let apart = (sample.saturating_sub(*value)).saturating_abs();
+                    *second = (*second).min((*first).max(apart));
+                    *first = (*first).min(apart);
+                }
+            }
+            for (to, second) in to.iter_mut().zip(&second) {
+                *to = f32::from(*second) * (1.0 / UNITS);
+            }
+            at += count;
+        }
+    }
+}
+
+/// Sort each column of sixteen: K. Batcher's odd-even merge sort.
+pub(super) struct Sort<'a>(pub(super) &'a mut [[i16; BLOCK]; SAMPLES]);
+
+impl Kernel for Sort<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let mut p = 1;
+        while p < SAMPLES {
+            let mut k = p;
+            while k >= 1 {
+                let mut j = k % p;
+                while j + k < SAMPLES {
+                    for i in 0..k.min(SAMPLES - j - k) {
+                        let (a, b) = (i + j, i + j + k);
+                        if a / (2 * p) == b / (2 * p) {
+                            let (upper, lower) = self.0.split_at_mut(b);
+                            for (x, y) in upper[a].iter_mut().zip(&mut lower[0]) {
+                                let (least, most) = ((*x).min(*y), (*x).max(*y));
+                                *x = least;
+                                *y = most;
+                            }
+                        }
+                    }
+                    j += 2 * k;
+                }
+                k /= 2;
+            }
+            p *= 2;
+        }
+    }
+}

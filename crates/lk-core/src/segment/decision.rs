@@ -1,0 +1,220 @@
+//! What moves in a frame, and what a segmenter learns from it.
+
+use crate::error::Result;
+use crate::execution::Execution;
+use crate::memory::{replace, resize};
+
+use super::change::{self, changed};
+use super::difference::Compared;
+use super::judge::{Asked, MEMORY};
+use super::morphology::{Element, Size, dilate, erode};
+use super::segmenter::{GAP, Segmenter, Work};
+use super::transform::covered;
+
+/// Frames in which a pixel showed the background and nothing moved, after which flow alone does not call it moving.
+const CONFIRMED: u8 = 8;
+/// A region that changes in less than this share of it has stopped.
+const STOPPED: f64 = 0.02;
+/// A thing's edge is where it covers this share of a pixel.
+const COVERED: f32 = 0.5;
+
+impl Segmenter {
+    /// What moves in the frame.
+    pub(super) fn decide(&mut self, execution: &Execution) -> Result<()> {
+        let size = self.state.canvas.size;
+        let pixels = size.0 * size.1;
+        for mask in [
+            &mut self.work.mask,
+            &mut self.work.spare,
+            &mut self.work.away,
+        ] {
+            resize("masks", mask, pixels, 0)?;
+        }
+        for (both, seen) in self.work.both.iter_mut().zip(&self.state.seen) {
+            *both &= seen;
+        }
+        let of = change::Pictures {
+            size,
+            before: &self.state.picture,
+            now: &self.work.raw,
+            both: &self.work.both,
+            noise: self.state.noise,
+            moves: self.options.camera_moves,
+        };
+        changed(&of, &mut self.work.changed, execution)?;
+        // What moved before anything was seen behind it hides what is not known.
+        for at in 0..pixels {
+            if self.work.by_flow[at] == 1 && self.state.confirmed[at] < CONFIRMED {
+                self.state.background.known[at] = 0;
+                self.state.heat[at] = MEMORY;
+            }
+            self.work.both[at] = self.state.background.known[at] & self.state.seen[at];
+        }
+        if self.has_depth() {
+            // Depth moves the background itself: the flow alone tells, but for the last pixel of an edge.
+            let (from, to) = (&self.work.by_flow, &mut self.work.mask);
+            dilate(from, size, Element::Square(3), to, execution)?;
+        } else {
+            self.compare(execution)?;
+        }
+        self.clean(size, execution)?;
+        let asked = Asked {
+            size,
+            mask: &self.work.mask,
+            changed: &self.work.changed,
+            known: &self.state.background.known,
+            background: &self.state.background.median,
+            picture: &self.work.raw,
+            noise: self.state.noise,
+        };
+        if self.has_depth() {
+            self.work.judge.gone.clear();
+            resize("masks", &mut self.work.judge.gone, pixels, 0)?;
+        } else {
+            self.work
+                .judge
+                .update(&asked, &mut self.state.heat, execution)?;
+        }
+        self.learn(size, execution)?;
+        self.show(execution)
+    }
+
+    pub(super) fn compare(&mut self, execution: &Execution) -> Result<()> {
+        let size = self.state.canvas.size;
+        let of = Compared {
+            picture: &self.work.raw,
+            both: &self.work.both,
+            noise: self.state.noise,
+            moves: self.options.camera_moves,
+        };
+        self.work
+            .difference
+            .update(&self.state.background, &of, execution)?;
+        // A thing that stopped before anything was seen behind it stays one.
+        self.work.runs.label(&self.state.foreground, size)?;
+        self.work
+            .runs
+            .sum_bytes(&self.work.changed, &mut self.work.sums)?;
+        let (regions, sums) = (self.work.runs.regions(), &self.work.sums);
+        let stopped = |label: usize| sums[label] as f64 <= STOPPED * f64::from(regions[label].area);
+        self.work.runs.draw(stopped, &mut self.work.spare);
+        let masks = self
+            .work
+            .difference
+            .differs
+            .iter()
+            .zip(&self.work.by_flow)
+            .zip(&self.work.spare);
+        let places = self.state.background.known.iter().zip(&self.state.seen);
+        for (to, (((differs, by_flow), stopped), (known, seen))) in
+            self.work.mask.iter_mut().zip(masks.zip(places))
+        {
+            *to = differs | ((by_flow | stopped) & (1 - known) & seen);
+        }
+        Ok(())
+    }
+
+    /// Close gaps, fill holes, take small regions away, and trim what a pixel's part of a thing's edge makes too wide.
+    pub(super) fn clean(&mut self, size: Size, execution: &Execution) -> Result<()> {
+        let gap = if self.has_depth() { 2 * GAP - 1 } else { GAP };
+        let Work {
+            mask,
+            morphology,
+            regions,
+            spare,
+            raw,
+            away,
+            ..
+        } = &mut self.work;
+        // The flow alone leaves larger gaps.
+        morphology.close(mask, size, Element::Disc(gap), execution)?;
+        regions.fill_holes(mask, size, u32::MAX)?;
+        regions.remove_small(mask, size, self.options.min_area as u32)?;
+        erode(mask, size, Element::Square(3), spare, execution)?;
+        let (width, height) = size;
+        let median = &self.state.background.median;
+        let known = &self.state.background.known;
+        // The whole mask as it was: what is trimmed must not change its neighbours.
+        replace("masks", away, mask.iter().copied())?;
+        let whole = away;
+        let apart = |at: usize| {
+            if known[at] == 1 {
+                (raw[at] - median[at]).abs()
+            } else {
+                0.0
+            }
+        };
+        for y in 0..height {
+            for x in 0..width {
+                let at = y * width + x;
+                if whole[at] == 0 || spare[at] == 1 || known[at] == 0 {
+                    continue;
+                }
+                let mut most = 0.0f32;
+                for y in y.saturating_sub(1)..(y + 2).min(height) {
+                    for x in x.saturating_sub(1)..(x + 2).min(width) {
+                        let at = y * width + x;
+                        if whole[at] == 1 {
+                            most = most.max(apart(at));
+                        }
+                    }
+                }
+                mask[at] = u8::from(apart(at) >= COVERED * most);
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn learn(&mut self, size: Size, execution: &Execution) -> Result<()> {
+        let state = &mut self.state;
+        let work = &mut self.work;
+        for (to, (mask, gone)) in state
+            .foreground
+            .iter_mut()
+            .zip(work.mask.iter().zip(&work.judge.gone))
+        {
+            *to = mask & (1 - gone);
+        }
+        dilate(
+            &state.foreground,
+            size,
+            Element::Square(GAP),
+            &mut work.away,
+            execution,
+        )?;
+        for at in 0..state.foreground.len() {
+            let hidden = work.by_flow[at] & u8::from(state.confirmed[at] < CONFIRMED);
+            work.away[at] |= hidden;
+            if work.judge.gone[at] == 1 {
+                state.confirmed[at] = 0;
+            } else if work.both[at] == 1 && state.foreground[at] == 0 && work.by_flow[at] == 0 {
+                state.confirmed[at] = state.confirmed[at].saturating_add(1);
+            }
+        }
+        let masks = [&state.seen[..], &work.away[..], &work.judge.gone[..]];
+        state.background.learn(&work.raw, masks, execution)?;
+        std::mem::swap(&mut state.picture, &mut work.raw);
+        Ok(())
+    }
+
+    /// What moves on the canvas, as the frame has it.
+    pub(super) fn show(&mut self, execution: &Execution) -> Result<()> {
+        let state = &mut self.state;
+        if state.canvas.rests() {
+            state.moving.copy_from_slice(&state.foreground);
+            return Ok(());
+        }
+        let (frame, size) = (state.canvas.frame, state.canvas.size);
+        let map = state.canvas.to_canvas;
+        covered(
+            (&state.foreground, size),
+            &map,
+            (&mut state.moving, frame),
+            execution,
+        )?;
+        for (moving, counts) in state.moving.iter_mut().zip(&self.work.counts_canvas) {
+            *moving &= counts;
+        }
+        Ok(())
+    }
+}

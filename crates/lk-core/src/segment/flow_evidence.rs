@@ -1,0 +1,306 @@
+//! What a dense flow says of what moves: the motion that the camera's does not explain, tested against its covariance, where
+//! it explains the picture better than rest does.
+//!
+//! Work is done on frames reduced to at most [`MOST_PIXELS`], which the caller does. False discoveries: Y. Benjamini and Y.
+//! Hochberg, J. R. Stat. Soc. B 57, 1995.
+
+use crate::error::Result;
+use crate::execution::Execution;
+use crate::memory::{reserve, resize};
+use crate::parallel::{RowsMut, even_bands, for_each_band};
+use crate::simd::dispatch;
+
+use super::box_filter::{Border, Window, window_means};
+use super::components::Runs;
+use super::flow_kernels::{
+    Frames, NEAR_PX, Relit, Scaled, Traced, Two, bilinear, came_from, was_seen,
+};
+use super::light::{Light, Pair};
+use super::morphology::Size;
+use super::regions::RegionWork;
+use super::slopes::rows_around;
+use super::transform::{IDENTITY, applied, inverse};
+
+/// Larger frames are reduced.
+pub(crate) const MOST_PIXELS: usize = 200_000;
+/// A difference from the frame before of this many mean squares is one; a weaker one only beside it.
+const STRONG_MISMATCH: f32 = 6.0;
+const WEAK_MISMATCH: f32 = 2.5;
+/// Where chi-squared is so many times its threshold, a weaker difference is enough.
+const SURE: f32 = 3.0;
+/// Of so many something else is seen, whatever its motion.
+const CHANGED: f32 = 25.0;
+/// Every so manyth pixel along both axes stands for the frame.
+pub(super) const SAMPLED: usize = 4;
+/// The noise of a camera rises at most by this factor from frame to frame.
+const SPREAD_RISE: f32 = 1.1;
+const DIFFERENCES: Window = Window {
+    size: 5,
+    border: Border::Replicate,
+};
+
+/// The evidence, with memory that is kept.
+#[derive(Debug, Default)]
+pub(crate) struct FlowEvidence {
+    /// 1 where something moves.
+    pub(crate) moving: Vec<u8>,
+    /// What the camera's motion does not explain at each pixel of the current frame, x and y.
+    pub(crate) residual: Vec<f32>,
+    /// 1 where that is known.
+    pub(crate) known: Vec<u8>,
+    /// Standard deviation of the difference of two pictures of the same; 0 before it is known.
+    pub(crate) spread: f32,
+    pub(super) stood: Vec<f32>,
+    pub(super) moved: Vec<f32>,
+    pub(super) rest: Vec<f32>,
+    pub(super) motion: Vec<f32>,
+    pub(super) still: Vec<u8>,
+    pub(super) tensor: [Vec<f32>; 3],
+    pub(super) certain: Vec<u8>,
+    pub(super) possible: Vec<u8>,
+    pub(super) seeds: Vec<u8>,
+    pub(super) values: Vec<f32>,
+    pub(super) light: Light,
+    pub(super) regions: RegionWork,
+    pub(super) patches: Runs,
+    pub(super) inside: Vec<u64>,
+}
+
+impl FlowEvidence {
+    /// Find what moves between two frames.
+    pub(crate) fn update(&mut self, frames: &Frames<'_>, execution: &Execution) -> Result<()> {
+        self.make_room(frames.size)?;
+        self.trace(frames, execution)?;
+        for ((still, known), kept) in self.still.iter_mut().zip(&self.known).zip(frames.kept) {
+            *still = known & (1 - kept);
+        }
+        let pair = Pair {
+            reference: &self.stood,
+            image: frames.current,
+            still: &self.still,
+            size: frames.size,
+            range: frames.range,
+        };
+        self.light.fit(&pair, self.spread, [1.0, 0.0], execution)?;
+        self.relight(frames, execution)?;
+        self.find_spread(frames)?;
+        self.compare(frames, execution)?;
+        self.judge(frames, execution)
+    }
+
+    fn make_room(&mut self, size: Size) -> Result<()> {
+        let pixels = size.0 * size.1;
+        for mask in [
+            &mut self.moving,
+            &mut self.known,
+            &mut self.still,
+            &mut self.certain,
+            &mut self.possible,
+            &mut self.seeds,
+        ] {
+            resize("masks", mask, pixels, 0)?;
+        }
+        resize("a residual motion", &mut self.residual, 2 * pixels, 0.0)?;
+        for plane in [
+            &mut self.stood,
+            &mut self.moved,
+            &mut self.rest,
+            &mut self.motion,
+        ] {
+            resize("differences", plane, pixels, 0.0)?;
+        }
+        Ok(())
+    }
+
+    /// Where each pixel of the current frame was, and what the frame before showed there and at the place of rest.
+    fn trace(&mut self, frames: &Frames<'_>, execution: &Execution) -> Result<()> {
+        let (width, height) = frames.size;
+        let back = inverse(frames.camera).unwrap_or(IDENTITY);
+        let rests = *frames.camera == IDENTITY;
+        let outputs = Traced {
+            residual: RowsMut::new(&mut self.residual, 2 * width),
+            known: RowsMut::new(&mut self.known, width),
+            stood: RowsMut::new(&mut self.stood, width),
+            moved: RowsMut::new(&mut self.moved, width),
+        };
+        let rows = even_bands(execution, height, [16_384 / width, 4096 / width]);
+        for_each_band(execution, height, rows, outputs, |band, mut part| {
+            for (local, y) in band.enumerate() {
+                let residual = part.residual.row_mut(local);
+                let known = part.known.row_mut(local);
+                let (stood, moved) = (part.stood.row_mut(local), part.moved.row_mut(local));
+                for x in 0..width {
+                    let place = [x as f32, y as f32];
+                    let ([u, v], there) = came_from(frames, place);
+                    let at = [place[0] - u, place[1] - v];
+                    let by_camera = applied(frames.camera, at.map(f64::from));
+                    let mut r = [
+                        f64::from(place[0]) - by_camera[0],
+                        f64::from(place[1]) - by_camera[1],
+                    ];
+                    if let Some(parallax) = frames.parallax {
+                        r = parallax.unexplained(place.map(f64::from), r);
+                    }
+                    (residual[2 * x], residual[2 * x + 1]) = (r[0] as f32, r[1] as f32);
+                    let before = if rests {
+                        place
+                    } else {
+                        applied(&back, place.map(f64::from)).map(|value| value as f32)
+                    };
+                    let seen = rests || was_seen(frames.size, [x, y], before);
+                    known[x] = u8::from(there && seen) & frames.counts[y * width + x];
+                    stood[x] = if rests {
+                        frames.prev[y * width + x]
+                    } else {
+                        bilinear(frames.prev, frames.size, before)
+                    };
+                    moved[x] = if rests && u.abs().max(v.abs()) < NEAR_PX {
+                        stood[x]
+                    } else {
+                        bilinear(frames.prev, frames.size, at)
+                    };
+                }
+            }
+        })
+    }
+
+    /// Turn both pictures of the frame before into their differences from the current one, in its light.
+    fn relight(&mut self, frames: &Frames<'_>, execution: &Execution) -> Result<()> {
+        let (width, height) = frames.size;
+        let level = execution.simd_level();
+        let mut gain = Vec::new();
+        resize("a row of light", &mut gain, 2 * width, 0.0)?;
+        let (gain, offset) = gain.split_at_mut(width);
+        for y in 0..height {
+            self.light.row(y, gain, offset, level);
+            let row = y * width..(y + 1) * width;
+            let current = &frames.current[row.clone()];
+            let (stood, moved) = (&mut self.stood[row.clone()], &mut self.moved[row]);
+            dispatch(
+                level,
+                Relit {
+                    light: [gain, offset],
+                    current,
+                    planes: [stood, moved],
+                },
+            );
+        }
+        Ok(())
+    }
+
+    /// Two frames differ by the noise of both, and rounding is part of it. Compression leaves most pixels too quiet and a
+    /// tail; noise does not jump.
+    fn find_spread(&mut self, frames: &Frames<'_>) -> Result<()> {
+        let width = frames.size.0;
+        self.values.clear();
+        let count = self.stood.len() / (SAMPLED * SAMPLED) + width;
+        reserve("a sample", &mut self.values, count)?;
+        for (stood, still) in self
+            .stood
+            .chunks_exact(width)
+            .zip(self.still.chunks_exact(width))
+            .step_by(SAMPLED)
+        {
+            let row = stood.iter().zip(still).step_by(SAMPLED);
+            let values = row
+                .filter(|(_, still)| **still == 1)
+                .map(|(value, _)| value.abs());
+            self.values.extend(values);
+        }
+        let before = if self.spread > 0.0 {
+            self.spread * SPREAD_RISE
+        } else {
+            f32::INFINITY
+        };
+        let found = if self.values.is_empty() {
+            0.0
+        } else {
+            (1.4826 * quantile(&mut self.values, 0.5)).max(quantile(&mut self.values, 0.9) / 1.645)
+        };
+        self.spread = found
+            .min(before)
+            .max(frames.rounding * std::f32::consts::SQRT_2);
+        Ok(())
+    }
+
+    /// Means over windows of both differences, in units of what noise and a small misregistration explain.
+    fn compare(&mut self, frames: &Frames<'_>, execution: &Execution) -> Result<()> {
+        let width = frames.size.0;
+        let level = execution.simd_level();
+        let variance = self.spread * self.spread;
+        let (stood, moved, counts) = (&self.stood, &self.moved, frames.counts);
+        let fill = |y: usize, [rest, motion]: [&mut [f32]; 2]| {
+            let rows = rows_around(frames.current, frames.size, y);
+            let place = y * width..(y + 1) * width;
+            let kernel = Scaled {
+                rows,
+                counts: &counts[place.clone()],
+                differences: [&stood[place.clone()], &moved[place]],
+                variance,
+                to: [rest, motion],
+            };
+            dispatch(level, kernel);
+        };
+        let outputs = Two(
+            RowsMut::new(&mut self.rest, width),
+            RowsMut::new(&mut self.motion, width),
+        );
+        let emit = |local: usize, _, [rest, motion]: [&[f32]; 2], to: &mut Two<'_>| {
+            to.0.row_mut(local).copy_from_slice(rest);
+            to.1.row_mut(local).copy_from_slice(motion);
+        };
+        window_means(frames.size, DIFFERENCES, outputs, fill, emit, execution)
+    }
+
+    fn judge(&mut self, frames: &Frames<'_>, execution: &Execution) -> Result<()> {
+        let least = frames.least_px * frames.least_px;
+        let mut any = false;
+        let pixels = self
+            .rest
+            .iter()
+            .zip(&self.motion)
+            .zip(self.residual.as_chunks::<2>().0);
+        for (k, ((rest, motion), [u, v])) in pixels.enumerate() {
+            let (known, kept) = (self.known[k] == 1, frames.kept[k] == 1);
+            let long = known && u * u + v * v > least;
+            // Near the edge of a thing its flow reaches over the surroundings: there rest explains the picture as well.
+            let limit = if kept {
+                0.9 * motion
+            } else {
+                1.3 * motion + 0.7
+            };
+            let may = long && *rest > WEAK_MISMATCH && *rest > limit;
+            any |= may;
+            self.seeds[k] = u8::from(may);
+            // Where there is no texture, both explain it: that alone is no evidence, but it fills a thing.
+            self.possible[k] = u8::from(long && *motion < WEAK_MISMATCH);
+            // Depth changes what is seen at the plane's places, too.
+            let moves = frames.parallax.is_none() || long;
+            self.certain[k] = u8::from(known && moves && *rest > CHANGED);
+        }
+        if !any {
+            self.moving.fill(0);
+            return Ok(());
+        }
+        self.tensors(frames, execution)?;
+        let threshold = self.threshold(frames)?;
+        for k in 0..self.seeds.len() {
+            if self.seeds[k] == 1 {
+                let chi2 = self.chi_squared(k, frames);
+                self.certain[k] |= u8::from(chi2 > threshold / 3.0);
+                let strong = self.rest[k] > STRONG_MISMATCH || chi2 > SURE * threshold;
+                self.seeds[k] = u8::from(chi2 > threshold && strong);
+            }
+        }
+        let masks = [&self.certain[..], &self.possible[..], &self.seeds[..]];
+        self.regions
+            .grow_in_hulls(masks, frames.size, &mut self.moving)?;
+        self.keep_to_patches(frames.size)
+    }
+}
+
+/// The value below which this share of all lies.
+pub(crate) fn quantile(values: &mut [f32], share: f64) -> f32 {
+    let at = ((values.len() - 1) as f64 * share) as usize;
+    *values.select_nth_unstable_by(at, f32::total_cmp).1
+}
