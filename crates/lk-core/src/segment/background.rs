@@ -120,14 +120,7 @@ impl Background {
         self.frame += 1;
         let frame = self.frame;
         let level = execution.simd_level();
-        let part = Part {
-            samples: self.samples.chunks_exact_mut(width * height).collect(),
-            known: &mut self.known,
-            age: &mut self.age,
-            median: &mut self.median,
-            deviation: &mut self.deviation,
-            width,
-        };
+        let part = self.rows();
         let rows = even_bands(execution, height, [32_768 / width, 16_384 / width]);
         for_each_band(execution, height, rows, part, |band, mut part| {
             for (local, y) in band.enumerate() {
@@ -138,21 +131,25 @@ impl Background {
             }
         })
     }
-}
 
-impl Background {
-    /// Show all that is known in another light.
-    pub(crate) fn relight(&mut self, light: &Light, execution: &Execution) -> Result<()> {
+    /// All rows, to divide between threads.
+    fn rows(&mut self) -> Part<'_> {
         let (width, height) = self.size;
-        let level = execution.simd_level();
-        let part = Part {
+        Part {
             samples: self.samples.chunks_exact_mut(width * height).collect(),
             known: &mut self.known,
             age: &mut self.age,
             median: &mut self.median,
             deviation: &mut self.deviation,
             width,
-        };
+        }
+    }
+
+    /// Show all that is known in another light.
+    pub(crate) fn relight(&mut self, light: &Light, execution: &Execution) -> Result<()> {
+        let (width, height) = self.size;
+        let level = execution.simd_level();
+        let part = self.rows();
         let rows = even_bands(execution, height, [16_384 / width, 8192 / width]);
         for_each_band(execution, height, rows, part, |band, mut part| {
             let (mut gain, mut offset) = (vec![1.0; width], vec![0.0; width]);

@@ -7,15 +7,15 @@ use crate::parallel::{RowsMut, even_bands, for_each_band};
 use crate::simd::{Kernel, Simd, dispatch};
 
 use super::flow_evidence::quantile;
-use super::light::Pair;
+use super::light::{Light, Pair};
 use super::morphology::{Element, dilate};
 use super::segmenter::{GAP, Segmenter};
 
 /// Standard deviation of a picture's noise, at least, in grey levels of 0 to 255.
 const LEAST_NOISE: f32 = 0.7;
-/// Shares of a normal distribution without its sign, and how many deviations they reach.
 /// Of a camera that moves the tails are believed up to so many grey levels.
 const QUIET: f32 = 1.2;
+/// Shares of a normal distribution without its sign, and how many deviations they reach.
 const NOISE_QUANTILES: [(f64, f32); 3] = [(0.5, 0.6745), (0.9, 1.645), (0.975, 2.241)];
 /// Where the light is more grey levels than this from the background's in more than one of so many places, each so many
 /// pixels from the next, the background takes it over.
@@ -104,29 +104,8 @@ impl Segmenter {
     /// Keep the background in the light of this frame from now on.
     pub(super) fn take_over_light(&mut self, execution: &Execution) -> Result<()> {
         self.state.background.relight(&self.work.light, execution)?;
-        let (width, height) = self.state.canvas.size;
-        let (light, level) = (&self.work.light, execution.simd_level());
-        let rows = even_bands(execution, height, [32_768 / width, 16_384 / width]);
-        for_each_band(
-            execution,
-            height,
-            rows,
-            RowsMut::new(&mut self.state.picture, width),
-            |band, mut part| {
-                let (mut gain, mut offset) = (vec![1.0; width], vec![0.0; width]);
-                for (local, y) in band.enumerate() {
-                    light.row(y, &mut gain, &mut offset, level);
-                    dispatch(
-                        level,
-                        Relit {
-                            gain: &gain,
-                            offset: &offset,
-                            row: part.row_mut(local),
-                        },
-                    );
-                }
-            },
-        )?;
+        let (picture, width) = (&mut self.state.picture, self.state.canvas.size.0);
+        relit(&self.work.light, Way::To, picture, width, execution)?;
         self.state.light = [1.0, 0.0];
         self.work.lit = false;
         Ok(())
@@ -137,29 +116,8 @@ impl Segmenter {
         if !self.work.lit {
             return Ok(());
         }
-        let (width, height) = self.state.canvas.size;
-        let (light, level) = (&self.work.light, execution.simd_level());
-        let rows = even_bands(execution, height, [32_768 / width, 16_384 / width]);
-        for_each_band(
-            execution,
-            height,
-            rows,
-            RowsMut::new(&mut self.work.raw, width),
-            |band, mut part| {
-                let (mut gain, mut offset) = (vec![1.0; width], vec![0.0; width]);
-                for (local, y) in band.enumerate() {
-                    light.inverse_row(y, &mut gain, &mut offset, level);
-                    dispatch(
-                        level,
-                        Relit {
-                            gain: &gain,
-                            offset: &offset,
-                            row: part.row_mut(local),
-                        },
-                    );
-                }
-            },
-        )
+        let (picture, width) = (&mut self.work.raw, self.state.canvas.size.0);
+        relit(&self.work.light, Way::From, picture, width, execution)
     }
 
     pub(super) fn find_noise(&mut self) -> Result<()> {
@@ -194,6 +152,46 @@ impl Segmenter {
         }
         Ok(())
     }
+}
+
+/// Which light a picture has: it is shown in another, or another is taken out.
+#[derive(Clone, Copy)]
+enum Way {
+    To,
+    From,
+}
+
+/// Change the light of a picture, all of whose rows have `width` pixels.
+fn relit(
+    light: &Light,
+    way: Way,
+    picture: &mut [f32],
+    width: usize,
+    execution: &Execution,
+) -> Result<()> {
+    let (height, level) = (picture.len() / width, execution.simd_level());
+    let rows = even_bands(execution, height, [32_768 / width, 16_384 / width]);
+    for_each_band(
+        execution,
+        height,
+        rows,
+        RowsMut::new(picture, width),
+        |band, mut part| {
+            let (mut gain, mut offset) = (vec![1.0; width], vec![0.0; width]);
+            for (local, y) in band.enumerate() {
+                match way {
+                    Way::To => light.row(y, &mut gain, &mut offset, level),
+                    Way::From => light.inverse_row(y, &mut gain, &mut offset, level),
+                }
+                let kernel = Relit {
+                    gain: &gain,
+                    offset: &offset,
+                    row: part.row_mut(local),
+                };
+                dispatch(level, kernel);
+            }
+        },
+    )
 }
 
 struct Relit<'a> {
