@@ -6,7 +6,6 @@ Exit codes: 0 done, 1 failed (one line on standard error says why), 2 wrong usag
 from __future__ import annotations
 
 import argparse
-import contextlib
 import difflib
 import importlib
 import os
@@ -193,8 +192,10 @@ def _told(name: str, error: BaseException, code: int, words: str) -> int:
     print(f"{name}: {printable(words)}", file=sys.stderr, flush=True)
     if isinstance(error, OSError):
         # Standard output itself may be what failed; what it still holds would fail again.
-        with contextlib.suppress(OSError, ValueError):
+        try:
             sys.stdout.flush()
+        except (OSError, ValueError):
+            give_up_output()
     return code
 
 

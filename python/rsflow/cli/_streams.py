@@ -19,14 +19,18 @@ class _Messages:
 
     def write(self, text: str) -> int:
         """Write, if there still is somewhere to write to."""
-        with contextlib.suppress(OSError, ValueError):
+        try:
             self._stream.write(text)
+        except (OSError, ValueError):
+            _lead_nowhere(self._stream)
         return len(text)
 
     def flush(self) -> None:
         """Flush, if there still is somewhere to write to."""
-        with contextlib.suppress(OSError, ValueError):
+        try:
             self._stream.flush()
+        except (OSError, ValueError):
+            _lead_nowhere(self._stream)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
@@ -80,9 +84,13 @@ def _hold(number: int) -> None:
 
 def give_up_output() -> None:
     """Lead standard output nowhere, so that the interpreter does not fail on what is still buffered at its end."""
+    _lead_nowhere(sys.stdout)
+
+
+def _lead_nowhere(stream: TextIO) -> None:
     with contextlib.suppress(OSError, ValueError):
         nothing = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nothing, sys.stdout.fileno())
+        os.dup2(nothing, stream.fileno())
         os.close(nothing)
 
 
