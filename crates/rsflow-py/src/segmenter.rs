@@ -1,5 +1,7 @@
 //! What moves and what stands still, for Python.
 
+use std::borrow::Cow;
+
 use lk_core::{GivenFlow, Segmenter, SegmenterOptions, SegmenterSnapshot};
 use numpy::ndarray::{Ix1, Ix2, Ix3};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
@@ -25,8 +27,8 @@ type Seen<'py> = (
     (f32, f32, f32),
 );
 
-/// A motion, and where it is known.
-type Residual<'py> = (Bound<'py, PyArray3<f32>>, Bound<'py, PyArray2<bool>>);
+/// The length of a motion, and that motion.
+type Motion<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<f32>>);
 
 /// What moves and what stands still, frame after frame; see `rsflow.MotionSegmenter`.
 #[pyclass(frozen, name = "Segmenter", module = "rsflow._core")]
@@ -71,24 +73,28 @@ impl PySegmenter {
         let counts = mask
             .map(|mask| gathered(MASKS, mask.as_array().iter().copied()))
             .transpose()?;
-        let flow = match (&uv, &valid) {
+        let parts = match (&uv, &valid) {
             (Some(uv), Some(valid)) => {
+                let uv = match uv.as_slice() {
+                    Ok(uv) => Cow::Borrowed(uv),
+                    Err(_) => Cow::Owned(gathered("a flow", uv.as_array().iter().copied())?),
+                };
                 let shape = valid.shape();
-                let parts = (
-                    gathered("a flow", uv.as_array().iter().copied())?,
-                    gathered(MASKS, valid.as_array().iter().copied())?,
-                );
-                Some((parts, (shape[1], shape[0])))
+                let valid_here = match valid.as_slice() {
+                    Ok(valid) => Cow::Borrowed(valid),
+                    Err(_) => Cow::Owned(gathered(MASKS, valid.as_array().iter().copied())?),
+                };
+                Some((uv, valid_here, (shape[1], shape[0])))
             }
             _ => None,
         };
+        let flow = parts.as_ref().map(|(uv, valid, size)| GivenFlow {
+            uv,
+            valid,
+            size: *size,
+        });
         let view = frame.view();
         let (seen, moving) = self.call(py, |segmenter, execution| {
-            let flow = flow.as_ref().map(|((uv, valid), size)| GivenFlow {
-                uv,
-                valid,
-                size: *size,
-            });
             let seen = with_view!(view, |frame| segmenter.update(
                 frame,
                 flow,
@@ -113,19 +119,20 @@ impl PySegmenter {
         ))
     }
 
-    /// What the camera's motion does not explain, reduced, and where it is known.
-    fn residual<'py>(&self, py: Python<'py>) -> PyResult<Residual<'py>> {
-        let ((width, height), residual, known) = self.call(py, |segmenter, _| {
-            let (residual, known) = segmenter.residual();
-            Ok((
-                segmenter.reduced_size(),
-                gathered("a motion", residual.iter().copied())?,
-                gathered(MASKS, known.iter().map(|known| *known == 1))?,
-            ))
+    /// The length of the motion that the camera's does not explain, and that motion where something moves.
+    fn motion<'py>(&self, py: Python<'py>, least_px: f64) -> PyResult<Motion<'py>> {
+        let ((width, height), length, motion) = self.call(py, |segmenter, execution| {
+            let (width, height) = segmenter.frame_size();
+            let mut length = gathered("lengths", std::iter::repeat_n(0.0, width * height))?;
+            let mut motion = gathered("a motion", std::iter::repeat_n(0.0, 2 * width * height))?;
+            segmenter
+                .motion(least_px, &mut length, &mut motion, execution)
+                .map_err(|error| to_python(&error))?;
+            Ok(((width, height), length, motion))
         })?;
         Ok((
-            owned(py, Ix3(height, width, 2), residual)?,
-            owned(py, Ix2(height, width), known)?,
+            owned(py, Ix2(height, width), length)?,
+            owned(py, Ix3(height, width, 2), motion)?,
         ))
     }
 

@@ -233,7 +233,7 @@ class MotionSegmenter(Shared):
         counts = None if self._fixed is None else self._fixed.pixels
         moving, camera, parallax, _ = self._engine.update(self._levels.taken(counted), uv, valid, counts)
         homography, model = np.array(camera[0]), "static" if self.static_camera else camera[1]
-        length = np.full(moving.shape, np.nan, np.float32)
+        length: F32 | None = None
         objects: tuple[TrackedObject, ...] = ()
         if flow is None:
             status = SegmentationStatus.FIRST_FRAME
@@ -244,18 +244,13 @@ class MotionSegmenter(Shared):
             objects = self._tracker.update(moving, t_s=t_s)
         else:
             status = SegmentationStatus.OK
-            residual, known = self._engine.residual()
-            residual[~known] = np.nan
-            squared = residual[..., 0] ** 2 + residual[..., 1] ** 2
             # Flow within a thing is often that of the ground around it, and then it says that the thing stands.
-            with np.errstate(invalid="ignore"):
-                residual[squared < _LEAST_MOTION_PX**2] = np.nan
-            trusted = reduction.enlarged(np.asarray(flow.valid, bool).view(np.uint8), moving.shape).view(bool)
-            motion = reduction.enlarged_at(moving & trusted, residual)
+            length, motion = self._engine.motion(_LEAST_MOTION_PX)
             objects = self._tracker.update(moving, motion, homography, image=image, t_s=t_s)
-            length = reduction.enlarged(np.sqrt(squared), moving.shape)
             if counts is not None:
                 length[~counts] = np.nan
+        if length is None:
+            length = np.full(moving.shape, np.nan, np.float32)
         labels = self._tracker.labels
         return MotionSegmentation(
             image=image,

@@ -192,8 +192,10 @@ fn solved(mut a: [[f64; 8]; 8], mut b: [f64; 8]) -> Option<[f64; 8]> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::transform::{Moved, applied, inverse, product};
+    use super::super::placed::Moved;
+    use super::super::transform::{applied, inverse, product};
     use super::*;
+    use crate::simd::SimdLevel;
 
     #[test]
     fn a_picture_is_brought_to_where_the_background_has_it() {
@@ -215,13 +217,13 @@ mod tests {
         for _ in 0..4 {
             let seen = product(&truth, &inverse(&map).unwrap());
             let mut picture = vec![0.0; background.len()];
-            let mut inside = vec![0; size.0];
+            let (mut inside, mut spare) = (vec![0; size.0], vec![0.0; 2 * size.0]);
             let moved = Moved {
                 from: (&background, size),
                 map: &seen,
             };
             for (y, row) in picture.chunks_exact_mut(size.0).enumerate() {
-                moved.row(y, row, &mut inside);
+                moved.row(y, row, &mut inside, &mut spare, SimdLevel::detected());
             }
             let of = Pictures {
                 size,

@@ -8,18 +8,19 @@ use crate::memory::resize;
 use crate::parallel::{RowsMut, SplitRows, even_bands, for_each_band};
 use crate::simd::dispatch;
 
-use super::background_kernels::{BLOCK, Distances, RelitSamples, SAMPLES, Sort, UNITS, sample_of};
+use super::background_kernels::{
+    BLOCK, Distances, Refresh, RelitSamples, SAMPLES, UNITS, sample_of,
+};
 use super::light::Light;
 use super::morphology::Size;
-use super::transform::{Map, nearest};
+use super::placed::nearest;
+use super::transform::Map;
 /// One pixel in so many takes a sample a frame, in each row one of so many side by side.
 const RATE: usize = 8;
 /// Frames after which all samples of a pixel are its own.
 const OLD: u8 = SAMPLES as u8;
 /// Medians are made anew after so many frames, of pixels that are not young.
 const REFRESH: usize = 4;
-/// Distance between the fourth and the thirteenth of sixteen normal samples, in standard deviations.
-const SPREAD: f32 = 1.32;
 
 /// The model.
 #[derive(Debug, Default, Clone)]
@@ -75,16 +76,19 @@ impl Background {
         Ok(())
     }
 
-    /// Write, for each pixel, how far the second nearest sample is from a picture in the background's light.
+    /// Write, for each pixel, how far the second nearest sample is from a picture in the background's light; of pixels of
+    /// which it is within `enough` grey levels perhaps that of another one that is.
     pub(crate) fn distances(
         &self,
         picture: &[f32],
+        enough: f32,
         to: &mut [f32],
         execution: &Execution,
     ) -> Result<()> {
         let (width, height) = self.size;
         let pixels = width * height;
         let level = execution.simd_level();
+        let enough = (enough * UNITS).floor() as i16;
         let rows = even_bands(execution, height, [32_768 / width, 16_384 / width]);
         for_each_band(
             execution,
@@ -101,6 +105,7 @@ impl Background {
                         pixels,
                         start,
                         picture: &picture[places],
+                        enough,
                         to: part.data,
                     },
                 );
@@ -251,6 +256,14 @@ impl Part<'_> {
             let random = hashed(frame, y as u64, block as u64);
             let chosen = (random % RATE as u64) as usize;
             let slot = (random >> 32) as usize % SAMPLES;
+            if self.all_old(start, first, [seen, away, adopt]) {
+                let at = start + first + chosen;
+                self.samples[slot][at] = sample_of(pixels[chosen]);
+                for age in &mut self.age[start + first..][..RATE] {
+                    *age = age.saturating_add(1);
+                }
+                continue;
+            }
             for (k, value) in pixels.iter().enumerate() {
                 let x = first + k;
                 if seen[x] == 0 || (away[x] == 1 && adopt[x] == 0) {
@@ -279,6 +292,22 @@ impl Part<'_> {
         }
     }
 
+    /// Whether a whole block of pixels is seen, shows the background, and has samples of its own alone.
+    #[inline(always)]
+    fn all_old(&self, start: usize, first: usize, [seen, away, adopt]: [&[u8]; 3]) -> bool {
+        let block = |bytes: &[u8], at: usize| {
+            let bytes = bytes.get(at..).and_then(|rest| rest.first_chunk::<RATE>());
+            bytes.map_or(0, |bytes| u64::from_le_bytes(*bytes))
+        };
+        const ONES: u64 = u64::from_le_bytes([1; RATE]);
+        // Of a byte from 16 on one of the upper four bits is set.
+        const UPPER: u64 = u64::from_le_bytes([0xf0; RATE]);
+        let old = block(self.age, start + first) & UPPER;
+        let old = (old >> 4) | (old >> 5) | (old >> 6) | (old >> 7);
+        let shown = block(seen, first) & !block(away, first) & !block(adopt, first);
+        shown & block(self.known, start + first) & old & ONES == ONES
+    }
+
     fn refresh_row(&mut self, local: usize, all: bool, level: crate::SimdLevel) {
         let start = local * self.width;
         let mut x = 0;
@@ -286,25 +315,20 @@ impl Part<'_> {
             let end = (x + BLOCK).min(self.width);
             let place = start + x..start + end;
             let young = || {
-                self.age[place.clone()]
-                    .iter()
-                    .any(|age| *age > 0 && *age <= OLD + 2)
+                let ages = self.age[place.clone()].iter();
+                ages.fold(false, |any, age| any | ((*age > 0) & (*age <= OLD + 2)))
             };
             if all || young() {
                 let mut block = [[0i16; BLOCK]; SAMPLES];
                 for (to, plane) in block.iter_mut().zip(&self.samples) {
                     to[..end - x].copy_from_slice(&plane[place.clone()]);
                 }
-                dispatch(level, Sort(&mut block));
-                let pairs = self.median[place.clone()]
-                    .iter_mut()
-                    .zip(&mut self.deviation[place]);
-                for (k, (median, deviation)) in pairs.enumerate() {
-                    let middle = i32::from(block[7][k]) + i32::from(block[8][k]);
-                    *median = middle as f32 / (2.0 * UNITS);
-                    let wide = i32::from(block[12][k]) - i32::from(block[3][k]);
-                    *deviation = wide as f32 / (SPREAD * UNITS);
-                }
+                let refresh = Refresh {
+                    block: &mut block,
+                    median: &mut self.median[place.clone()],
+                    deviation: &mut self.deviation[place],
+                };
+                dispatch(level, refresh);
             }
             x = end;
         }
@@ -323,60 +347,4 @@ fn hashed(frame: u64, y: u64, block: u64) -> u64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn columns_are_sorted() {
-        let mut block = [[0i16; BLOCK]; SAMPLES];
-        for (k, row) in block.iter_mut().enumerate() {
-            for (x, value) in row.iter_mut().enumerate() {
-                *value = (hashed(1, k as u64, x as u64) % 2000) as i16 - 1000;
-            }
-        }
-        let mut want = block;
-        for x in 0..BLOCK {
-            let mut column: Vec<i16> = block.iter().map(|row| row[x]).collect();
-            column.sort_unstable();
-            for (row, value) in want.iter_mut().zip(column) {
-                row[x] = value;
-            }
-        }
-        dispatch(crate::SimdLevel::detected(), Sort(&mut block));
-        assert_eq!(block, want);
-    }
-
-    #[test]
-    fn what_was_seen_is_near_and_its_median_is_known() {
-        let size = (70, 9);
-        let pixels = size.0 * size.1;
-        let mut model = Background::default();
-        model.reset(size).unwrap();
-        let (seen, none) = (vec![1; pixels], vec![0; pixels]);
-        let execution = Execution::default();
-        for t in 0..30 {
-            let picture: Vec<f32> = (0..pixels)
-                .map(|k| (k % 200) as f32 + (t % 3) as f32)
-                .collect();
-            model
-                .learn(&picture, [&seen, &none, &none], &execution)
-                .unwrap();
-        }
-        let picture: Vec<f32> = (0..pixels)
-            .map(|k| (k % 200) as f32 + 1.0 + 9.0 * f32::from(u8::from(k % 7 == 0)))
-            .collect();
-        let mut apart = vec![0.0; pixels];
-        model.distances(&picture, &mut apart, &execution).unwrap();
-        for (k, apart) in apart.iter().enumerate() {
-            assert!(
-                if k % 7 == 0 {
-                    *apart >= 8.0
-                } else {
-                    *apart <= 1.0
-                },
-                "{k}: {apart}"
-            );
-            assert!((model.median[k] - (k % 200) as f32 - 1.0).abs() <= 1.0);
-        }
-    }
-}
+mod tests;

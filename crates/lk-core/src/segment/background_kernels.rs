@@ -38,6 +38,8 @@ pub(super) struct Distances<'a> {
     pub(super) pixels: usize,
     pub(super) start: usize,
     pub(super) picture: &'a [f32],
+    /// Where both samples are found this near, in units, others are not looked for.
+    pub(super) enough: i16,
     pub(super) to: &'a mut [f32],
 }
 
@@ -55,6 +57,14 @@ impl Kernel for Distances<'_> {
             }
             let (mut first, mut second) = ([i16::MAX; BLOCK], [i16::MAX; BLOCK]);
             for k in 0..SAMPLES {
+                if k >= 4 && k % 2 == 0 {
+                    let most = second[..count]
+                        .iter()
+                        .fold(0, |most: i16, apart| most.max(*apart));
+                    if most <= self.enough {
+                        break;
+                    }
+                }
                 let samples = &self.samples[k * self.pixels + at..][..count];
                 for (((sample, value), first), second) in
                     samples.iter().zip(&value).zip(&mut first).zip(&mut second)
@@ -102,6 +112,33 @@ impl Kernel for Sort<'_> {
                 k /= 2;
             }
             p *= 2;
+        }
+    }
+}
+
+/// Distance between the fourth and the thirteenth of sixteen normal samples, in standard deviations.
+const SPREAD: f32 = 1.32;
+
+/// The median of each column and its deviation.
+pub(super) struct Refresh<'a> {
+    pub(super) block: &'a mut [[i16; BLOCK]; SAMPLES],
+    pub(super) median: &'a mut [f32],
+    pub(super) deviation: &'a mut [f32],
+}
+
+impl Kernel for Refresh<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        Sort(self.block).run(s);
+        let (low, high) = (&self.block[7], &self.block[8]);
+        for (median, (low, high)) in self.median.iter_mut().zip(low.iter().zip(high)) {
+            *median = (i32::from(*low) + i32::from(*high)) as f32 / (2.0 * UNITS);
+        }
+        let (low, high) = (&self.block[3], &self.block[12]);
+        for (deviation, (low, high)) in self.deviation.iter_mut().zip(low.iter().zip(high)) {
+            *deviation = (i32::from(*high) - i32::from(*low)) as f32 / (SPREAD * UNITS);
         }
     }
 }

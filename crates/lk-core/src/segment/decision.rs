@@ -8,8 +8,9 @@ use super::change::{self, changed};
 use super::difference::Compared;
 use super::judge::{Asked, MEMORY};
 use super::morphology::{Element, Size, dilate, erode};
+use super::placed::covered;
+use super::runs::next;
 use super::segmenter::{GAP, Segmenter, Work};
-use super::transform::covered;
 
 /// Frames in which a pixel showed the background and nothing moved, after which flow alone does not call it moving.
 const CONFIRMED: u8 = 8;
@@ -43,12 +44,15 @@ impl Segmenter {
         };
         changed(&of, &mut self.work.changed, execution)?;
         // What moved before anything was seen behind it hides what is not known.
-        for at in 0..pixels {
-            if self.work.by_flow[at] == 1 && self.state.confirmed[at] < CONFIRMED {
-                self.state.background.known[at] = 0;
-                self.state.heat[at] = MEMORY;
-            }
-            self.work.both[at] = self.state.background.known[at] & self.state.seen[at];
+        let state = &mut self.state;
+        let flow = self.work.by_flow.iter().zip(&state.confirmed);
+        let places = state.background.known.iter_mut().zip(&mut state.heat);
+        let to = self.work.both.iter_mut().zip(&state.seen);
+        for ((both, seen), ((by_flow, confirmed), (known, heat))) in to.zip(flow.zip(places)) {
+            let hidden = by_flow & u8::from(*confirmed < CONFIRMED);
+            *known &= 1 - hidden;
+            *heat = if hidden == 1 { MEMORY } else { *heat };
+            *both = *known & seen;
         }
         if self.has_depth() {
             // Depth moves the background itself: the flow alone tells, but for the last pixel of an edge.
@@ -145,14 +149,21 @@ impl Segmenter {
             }
         };
         for y in 0..height {
-            for x in 0..width {
-                let at = y * width + x;
-                if whole[at] == 0 || spare[at] == 1 || known[at] == 0 {
+            let row = &whole[y * width..(y + 1) * width];
+            let mut x = 0;
+            loop {
+                x = next(row, x, 1);
+                if x == width {
+                    break;
+                }
+                let (here, at) = (x, y * width + x);
+                x += 1;
+                if spare[at] == 1 || known[at] == 0 {
                     continue;
                 }
                 let mut most = 0.0f32;
                 for y in y.saturating_sub(1)..(y + 2).min(height) {
-                    for x in x.saturating_sub(1)..(x + 2).min(width) {
+                    for x in here.saturating_sub(1)..(here + 2).min(width) {
                         let at = y * width + x;
                         if whole[at] == 1 {
                             most = most.max(apart(at));
@@ -182,14 +193,14 @@ impl Segmenter {
             &mut work.away,
             execution,
         )?;
-        for at in 0..state.foreground.len() {
-            let hidden = work.by_flow[at] & u8::from(state.confirmed[at] < CONFIRMED);
-            work.away[at] |= hidden;
-            if work.judge.gone[at] == 1 {
-                state.confirmed[at] = 0;
-            } else if work.both[at] == 1 && state.foreground[at] == 0 && work.by_flow[at] == 0 {
-                state.confirmed[at] = state.confirmed[at].saturating_add(1);
-            }
+        let masks = work.judge.gone.iter().zip(&work.both);
+        let masks = masks.zip(work.by_flow.iter().zip(&state.foreground));
+        let to = work.away.iter_mut().zip(&mut state.confirmed);
+        for ((away, confirmed), ((gone, both), (by_flow, foreground))) in to.zip(masks) {
+            *away |= by_flow & u8::from(*confirmed < CONFIRMED);
+            let shown = both & (1 - foreground) & (1 - by_flow);
+            let more = confirmed.saturating_add(shown);
+            *confirmed = if *gone == 1 { 0 } else { more };
         }
         let masks = [&state.seen[..], &work.away[..], &work.judge.gone[..]];
         state.background.learn(&work.raw, masks, execution)?;

@@ -1,6 +1,8 @@
 //! Where a picture does not show the background: by its samples pixel by pixel, by mean squares over windows, and without
 //! what another light explains.
 
+use std::ops::Range;
+
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::memory::resize;
@@ -10,12 +12,17 @@ use crate::simd::dispatch;
 use super::background::Background;
 use super::box_filter::{Border, Window, window_means};
 use super::components::Runs;
-use super::difference_kernels::{Masks, Pixels, Ratio, Row, Shade, Thresholds, Unlike};
-use super::local_correlation::explained_by_light;
+use super::difference_kernels::{
+    Masks, Pixels, Ratio, Row, Shade, Thresholds, Unlike, least_apart,
+};
+use super::local_correlation::{centre, explained_by_light};
 use super::morphology::{Element, Morphology, Size, dilate};
 use super::regions::RegionWork;
+use super::runs::next;
 use super::slopes::rows_around;
 use super::vote::majority;
+/// So many rows around a row are enough for what windows say of it.
+const AROUND: usize = 8;
 const SHADE_NOISE: f32 = 1.1;
 /// What is nowhere else than in the shade, but for this share, is a thing; where a gain explains half it is light.
 const BODY: f64 = 0.15;
@@ -99,7 +106,8 @@ impl Difference {
         ] {
             resize("differences", plane, pixels, 0.0)?;
         }
-        with.distances(of.picture, &mut self.apart, execution)?;
+        let enough = least_apart(of.noise);
+        with.distances(of.picture, enough, &mut self.apart, execution)?;
         self.compare(with, of, execution)?;
         let [strong, weak] = &mut self.votes;
         majority(&self.strong, size, 5, strong, execution)?;
@@ -207,10 +215,26 @@ impl Difference {
         execution: &Execution,
     ) -> Result<()> {
         let size = with.size;
-        self.shades(with, of, execution)?;
         let pictures = [&with.median[..], of.picture];
-        // Two pictures: the noise of a difference.
-        explained_by_light(pictures, size, of.noise * 1.4, &mut self.lit, execution)?;
+        let centres = pictures.map(centre);
+        let mut rows = 0..0;
+        while let Some(next) = rows_with(&self.differs, size, rows.end) {
+            rows = next;
+            self.shades(with, of, rows.clone(), execution)?;
+            let place = rows.start * size.0..rows.end * size.0;
+            let pictures = pictures.map(|plane| &plane[place.clone()]);
+            let size = (size.0, rows.len());
+            // Two pictures: the noise of a difference.
+            let noise = of.noise * 1.4;
+            explained_by_light(
+                pictures,
+                centres,
+                size,
+                noise,
+                &mut self.lit[place],
+                execution,
+            )?;
+        }
         let masks = self.differs.iter().zip(&self.shade).zip(&self.lit);
         for (body, ((differs, shade), lit)) in self.strong.iter_mut().zip(masks) {
             *body = differs & (1 - shade) & (1 - lit);
@@ -262,20 +286,23 @@ impl Difference {
         Ok(())
     }
 
-    /// Where a picture is darker than the background by a share that is alike all around.
+    /// Where, in some rows, a picture is darker than the background by a share that is alike all around.
     fn shades(
         &mut self,
         with: &Background,
         of: &Compared<'_>,
+        rows: Range<usize>,
         execution: &Execution,
     ) -> Result<()> {
-        let size = with.size;
-        let width = size.0;
+        let width = with.size.0;
+        let size = (width, rows.len());
         let level = execution.simd_level();
+        let whole = rows.start * width..rows.end * width;
+        let (picture, median) = (&of.picture[whole.clone()], &with.median[whole.clone()]);
         let place = |y: usize| y * width..(y + 1) * width;
         let fill = |y: usize, [a, b]: [&mut [f32]; 2]| {
-            a.copy_from_slice(&of.picture[place(y)]);
-            b.copy_from_slice(&with.median[place(y)]);
+            a.copy_from_slice(&picture[place(y)]);
+            b.copy_from_slice(&median[place(y)]);
         };
         let emit = |local: usize, _, [a, b]: [&[f32]; 2], to: &mut RowsMut<'_, f32>| {
             dispatch(
@@ -290,16 +317,16 @@ impl Difference {
         window_means(
             size,
             FIVE,
-            RowsMut::new(&mut self.ratio, width),
+            RowsMut::new(&mut self.ratio[whole.clone()], width),
             fill,
             emit,
             execution,
         )?;
-        let ratio = &self.ratio;
+        let ratio = &self.ratio[whole.clone()];
         let fill = |y: usize, [ex, ey, square]: [&mut [f32]; 3]| {
             let kernel = Unlike {
-                picture: rows_around(of.picture, size, y),
-                background: rows_around(&with.median, size, y),
+                picture: rows_around(picture, size, y),
+                background: rows_around(median, size, y),
                 ratio: &ratio[place(y)],
                 to: [ex, ey, square],
             };
@@ -318,10 +345,28 @@ impl Difference {
         window_means(
             size,
             FIVE,
-            RowsMut::new(&mut self.shade, width),
+            RowsMut::new(&mut self.shade[whole], width),
             fill,
             emit,
             execution,
         )
     }
+}
+
+/// Rows from `from` on until nothing is set in a mask far around: an even first one, and an even count but at the frame's
+/// end, as windows of half the size need them. Those at either end are only what windows over the others reach to.
+fn rows_with(mask: &[u8], (width, height): Size, from: usize) -> Option<Range<usize>> {
+    let has = |y: usize| next(&mask[y * width..(y + 1) * width], 0, 1) < width;
+    let first = (from..height).find(|y| has(*y))?;
+    let mut last = first;
+    for y in first..height {
+        if has(y) {
+            last = y;
+        } else if y > last + 2 * AROUND + 2 {
+            break;
+        }
+    }
+    let start = first.saturating_sub(AROUND).next_multiple_of(2).max(from);
+    let end = (last + 1 + AROUND).next_multiple_of(2).min(height);
+    Some(start..end)
 }

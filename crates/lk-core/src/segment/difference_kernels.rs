@@ -22,6 +22,11 @@ const TOLD: u8 = 8;
 /// A shadow leaves this share of the light; gradients in it are those of the background but for this many of the noise's.
 const SHADES: [f32; 2] = [0.3, 0.97];
 
+/// No weak difference is nearer than this to the background, in grey levels.
+pub(super) fn least_apart(noise: f32) -> f32 {
+    WEAK * (NEAR * (1.1 * noise)).clamp(RADII[0], RADII[1])
+}
+
 pub(super) struct Pixels<'a> {
     pub(super) strong: RowsMut<'a, u8>,
     pub(super) weak: RowsMut<'a, u8>,

@@ -12,24 +12,20 @@ use crate::simd::dispatch;
 
 use super::box_filter::{Border, Window, window_means};
 use super::components::Runs;
-use super::flow_kernels::{
-    Frames, NEAR_PX, Relit, Scaled, Traced, Two, bilinear, came_from, was_seen,
-};
+use super::flow_kernels::{Frames, Relit, Scaled, Traced, Two, Verdict};
 use super::light::{Light, Pair};
 use super::morphology::Size;
 use super::regions::RegionWork;
 use super::slopes::rows_around;
-use super::transform::{IDENTITY, applied, inverse};
+use super::traced;
+use super::transform::{IDENTITY, inverse};
 
 /// Larger frames are reduced.
 pub(crate) const MOST_PIXELS: usize = 200_000;
 /// A difference from the frame before of this many mean squares is one; a weaker one only beside it.
 const STRONG_MISMATCH: f32 = 6.0;
-const WEAK_MISMATCH: f32 = 2.5;
 /// Where chi-squared is so many times its threshold, a weaker difference is enough.
 const SURE: f32 = 3.0;
-/// Of so many something else is seen, whatever its motion.
-const CHANGED: f32 = 25.0;
 /// Every so manyth pixel along both axes stands for the frame.
 pub(super) const SAMPLED: usize = 4;
 /// The noise of a camera rises at most by this factor from frame to frame.
@@ -117,6 +113,7 @@ impl FlowEvidence {
         let (width, height) = frames.size;
         let back = inverse(frames.camera).unwrap_or(IDENTITY);
         let rests = *frames.camera == IDENTITY;
+        let level = execution.simd_level();
         let outputs = Traced {
             residual: RowsMut::new(&mut self.residual, 2 * width),
             known: RowsMut::new(&mut self.known, width),
@@ -126,40 +123,17 @@ impl FlowEvidence {
         let rows = even_bands(execution, height, [16_384 / width, 4096 / width]);
         for_each_band(execution, height, rows, outputs, |band, mut part| {
             for (local, y) in band.enumerate() {
-                let residual = part.residual.row_mut(local);
-                let known = part.known.row_mut(local);
-                let (stood, moved) = (part.stood.row_mut(local), part.moved.row_mut(local));
-                for x in 0..width {
-                    let place = [x as f32, y as f32];
-                    let ([u, v], there) = came_from(frames, place);
-                    let at = [place[0] - u, place[1] - v];
-                    let by_camera = applied(frames.camera, at.map(f64::from));
-                    let mut r = [
-                        f64::from(place[0]) - by_camera[0],
-                        f64::from(place[1]) - by_camera[1],
-                    ];
-                    if let Some(parallax) = frames.parallax {
-                        r = parallax.unexplained(place.map(f64::from), r);
-                    }
-                    (residual[2 * x], residual[2 * x + 1]) = (r[0] as f32, r[1] as f32);
-                    let before = if rests {
-                        place
-                    } else {
-                        applied(&back, place.map(f64::from)).map(|value| value as f32)
-                    };
-                    let seen = rests || was_seen(frames.size, [x, y], before);
-                    known[x] = u8::from(there && seen) & frames.counts[y * width + x];
-                    stood[x] = if rests {
-                        frames.prev[y * width + x]
-                    } else {
-                        bilinear(frames.prev, frames.size, before)
-                    };
-                    moved[x] = if rests && u.abs().max(v.abs()) < NEAR_PX {
-                        stood[x]
-                    } else {
-                        bilinear(frames.prev, frames.size, at)
-                    };
-                }
+                let row = traced::Row {
+                    frames,
+                    back: &back,
+                    rests,
+                    y,
+                    residual: part.residual.row_mut(local),
+                    known: part.known.row_mut(local),
+                    stood: part.stood.row_mut(local),
+                    moved: part.moved.row_mut(local),
+                };
+                dispatch(level, row);
             }
         })
     }
@@ -254,30 +228,17 @@ impl FlowEvidence {
 
     fn judge(&mut self, frames: &Frames<'_>, execution: &Execution) -> Result<()> {
         let least = frames.least_px * frames.least_px;
-        let mut any = false;
-        let pixels = self
-            .rest
-            .iter()
-            .zip(&self.motion)
-            .zip(self.residual.as_chunks::<2>().0);
-        for (k, ((rest, motion), [u, v])) in pixels.enumerate() {
-            let (known, kept) = (self.known[k] == 1, frames.kept[k] == 1);
-            let long = known && u * u + v * v > least;
-            // Near the edge of a thing its flow reaches over the surroundings: there rest explains the picture as well.
-            let limit = if kept {
-                0.9 * motion
-            } else {
-                1.3 * motion + 0.7
-            };
-            let may = long && *rest > WEAK_MISMATCH && *rest > limit;
-            any |= may;
-            self.seeds[k] = u8::from(may);
-            // Where there is no texture, both explain it: that alone is no evidence, but it fills a thing.
-            self.possible[k] = u8::from(long && *motion < WEAK_MISMATCH);
-            // Depth changes what is seen at the plane's places, too.
-            let moves = frames.parallax.is_none() || long;
-            self.certain[k] = u8::from(known && moves && *rest > CHANGED);
-        }
+        let kernel = Verdict {
+            least,
+            depth: frames.parallax.is_some(),
+            differences: [&self.rest, &self.motion],
+            residual: &self.residual,
+            known: &self.known,
+            kept: frames.kept,
+            to: [&mut self.seeds, &mut self.possible, &mut self.certain],
+        };
+        dispatch(execution.simd_level(), kernel);
+        let any = self.seeds.contains(&1);
         if !any {
             self.moving.fill(0);
             return Ok(());

@@ -43,7 +43,7 @@ pub(crate) struct Frames<'a> {
 /// Share of the gradient that a difference may have from interpolation and registration, in pixels.
 const REGISTRATION_PX: f32 = 0.15;
 /// Steps that go on by more than so many pixels and this share of the motion have not settled.
-const APART: [f32; 2] = [0.5, 0.1];
+pub(super) const APART: [f32; 2] = [0.5, 0.1];
 
 /// What is written row by row when pixels are traced back.
 pub(super) struct Traced<'a> {
@@ -235,6 +235,58 @@ impl Kernel for Products<'_> {
             *xy = *xx * *yy;
             *xx *= *xx;
             *yy *= *yy;
+        }
+    }
+}
+
+/// A difference of this many mean squares is one beside a stronger one.
+const WEAK_MISMATCH: f32 = 2.5;
+/// Of so many something else is seen, whatever its motion.
+const CHANGED: f32 = 25.0;
+
+/// What the differences of pixels say, on their own.
+pub(super) struct Verdict<'a> {
+    /// Squared motion that is told from rest.
+    pub(super) least: f32,
+    pub(super) depth: bool,
+    /// From the picture at rest, and from that moved by the flow.
+    pub(super) differences: [&'a [f32]; 2],
+    pub(super) residual: &'a [f32],
+    pub(super) known: &'a [u8],
+    pub(super) kept: &'a [u8],
+    /// What may move, what may belong to it, and what is surely something else.
+    pub(super) to: [&'a mut [u8]; 3],
+}
+
+impl Kernel for Verdict<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let [rest, motion] = self.differences;
+        let [seeds, possible, certain] = self.to;
+        let from = rest
+            .iter()
+            .zip(motion)
+            .zip(self.residual.as_chunks::<2>().0);
+        let from = from.zip(self.known.iter().zip(self.kept));
+        let to = seeds.iter_mut().zip(possible).zip(certain);
+        for (((seed, possible), certain), (((rest, motion), [u, v]), (known, kept))) in to.zip(from)
+        {
+            let long = known & u8::from(u * u + v * v > self.least);
+            // Near the edge of a thing its flow reaches over the surroundings: there rest explains the picture as well.
+            let kept = *kept == 1;
+            let limit = if kept {
+                0.9 * motion
+            } else {
+                1.3 * motion + 0.7
+            };
+            *seed = long & u8::from(*rest > WEAK_MISMATCH) & u8::from(*rest > limit);
+            // Where there is no texture, both explain it: that alone is no evidence, but it fills a thing.
+            *possible = long & u8::from(*motion < WEAK_MISMATCH);
+            // Depth changes what is seen at the plane's places, too.
+            let moves = if self.depth { long } else { *known };
+            *certain = moves & u8::from(*rest > CHANGED);
         }
     }
 }

@@ -11,9 +11,10 @@ use super::camera::{CameraModel, CameraMotion, fit_camera};
 use super::flow_evidence::quantile;
 use super::flow_kernels::Frames;
 use super::parallax::find_parallax;
+use super::placed::nearest_mask;
 use super::reduction::{Reduction, reduce};
 use super::segmenter::{GivenFlow, Segmenter, Work};
-use super::transform::{IDENTITY, inverse, nearest, product, reduced};
+use super::transform::{IDENTITY, inverse, product, reduced};
 
 /// Vectors for the camera's motion stand this far apart in pixels of the flow: about the reach of its own smoothness.
 const VECTOR_STEP: usize = 12;
@@ -62,11 +63,18 @@ impl Segmenter {
         )?;
         let (mut size, mut factor) = ((width, height), self.factor());
         let Work { frame, half, .. } = &mut self.work;
-        replace("a frame", &mut half[0], frame.iter().copied())?;
+        if factor == 1 {
+            replace("a frame", &mut half[0], frame.iter().copied())?;
+        }
         while factor > 1 {
             let next = Reduction::Half.of(size);
-            let [from, to] = &mut *half;
+            let [here, to] = &mut *half;
             resize("a frame", to, next.0 * next.1, 0.0)?;
+            let from = if size == (width, height) {
+                &*frame
+            } else {
+                &*here
+            };
             let view = crate::frame::frame_from_slice(from, size.0, size.1, size.0)?;
             reduce(view, Reduction::Half, to, execution)?;
             half.swap(0, 1);
@@ -126,6 +134,9 @@ impl Segmenter {
         let step = if flow.size == full { self.factor() } else { 1 };
         resize("a flow", &mut self.work.uv, 2 * columns * rows, 0.0)?;
         resize("a flow", &mut self.work.given, columns * rows, 0)?;
+        let trusted = flow.valid.iter().map(|valid| u8::from(*valid));
+        replace("masks", &mut self.work.trusted.0, trusted)?;
+        self.work.trusted.1 = flow.size;
         let share = 1.0 / step as f32;
         for y in 0..rows {
             let from_y = (y * step + step / 2).min(flow.size.1 - 1);
@@ -133,8 +144,9 @@ impl Segmenter {
                 let from = from_y * flow.size.0 + (x * step + step / 2).min(flow.size.0 - 1);
                 let [u, v] = [flow.uv[2 * from] * share, flow.uv[2 * from + 1] * share];
                 let at = y * columns + x;
-                let given = (u + v).is_finite();
-                self.work.given[at] = u8::from(given) & self.work.counts[at];
+                // Where nothing counts no motion is given either.
+                let given = (u + v).is_finite() && self.work.counts[at] == 1;
+                self.work.given[at] = u8::from(given);
                 (self.work.uv[2 * at], self.work.uv[2 * at + 1]) =
                     if given { (u, v) } else { (0.0, 0.0) };
             }
@@ -238,11 +250,10 @@ impl Segmenter {
         let up = [[scale, 0.0, s], [0.0, scale, s], [0.0, 0.0, 1.0]];
         let back = product(&inverse(&camera.homography).unwrap_or(IDENTITY), &up);
         resize("masks", &mut self.work.kept, size.0 * size.1, 0)?;
-        nearest(
+        nearest_mask(
             (&self.state.moving, full),
             &back,
             (&mut self.work.kept, size),
-            0,
             execution,
         )?;
         let parallax = self.believed().map(|parallax| {

@@ -28,7 +28,7 @@ const ALIKE: f32 = 2.5;
 
 /// Write where `image` shows the structure of `reference` under another light.
 ///
-/// Both are finite. `noise` is the standard deviation of the difference of two pictures of the same. Where there is no
+/// Both are finite, and `centres` about their means ([`centre`]). `noise` is the standard deviation of the difference of two pictures of the same. Where there is no
 /// structure beyond it nothing is explained: the mask is 0.
 ///
 /// # Errors
@@ -36,6 +36,7 @@ const ALIKE: f32 = 2.5;
 /// Those of the execution; [`Error::Memory`](crate::Error::Memory).
 pub(crate) fn explained_by_light(
     [reference, image]: [&[f32]; 2],
+    centres: [f32; 2],
     size: Size,
     noise: f32,
     to: &mut [u8],
@@ -47,7 +48,6 @@ pub(crate) fn explained_by_light(
     }
     let half = (width.div_ceil(2), height.div_ceil(2));
     let level = execution.simd_level();
-    let centres = [centre(reference), centre(image)];
     let fill = |y: usize, channels: [&mut [f32]; 5]| {
         let [a, b, aa, bb, ab] = channels;
         for ((plane, centre), to) in [reference, image]
@@ -92,7 +92,7 @@ pub(crate) fn explained_by_light(
 }
 
 /// About the mean of a plane: sums of squares of what lies around it lose less to rounding.
-fn centre(plane: &[f32]) -> f32 {
+pub(crate) fn centre(plane: &[f32]) -> f32 {
     let step = (plane.len() / 1024).max(1);
     let (mut sum, mut count) = (0.0, 0.0);
     for value in plane.iter().step_by(step) {
@@ -287,7 +287,7 @@ mod tests {
             let mut first: Option<Vec<u8>> = None;
             for execution in every_way() {
                 let mut to = vec![7; w * h];
-                explained_by_light([&a, &b], (w, h), 8.0, &mut to, &execution).unwrap();
+                explained_by_light([&a, &b], [&a, &b].map(|plane| centre(plane)), (w, h), 8.0, &mut to, &execution).unwrap();
                 for (at, got) in to.iter().enumerate() {
                     let margin = want[at / w / 2 * w.div_ceil(2) + at % w / 2];
                     prop_assert!(*got < 2 && (margin.abs() < 1e-3 || (*got == 1) == (margin > 0.0)));
@@ -316,7 +316,15 @@ mod tests {
         };
         let share = |a: &[f32], b: &[f32]| {
             let mut to = vec![0; a.len()];
-            explained_by_light([a, b], size, 4.0, &mut to, &Execution::default()).unwrap();
+            explained_by_light(
+                [a, b],
+                [a, b].map(centre),
+                size,
+                4.0,
+                &mut to,
+                &Execution::default(),
+            )
+            .unwrap();
             to.iter().map(|set| f64::from(*set)).sum::<f64>() / to.len() as f64
         };
         let noise = 4.0 / 2f64.sqrt();
@@ -349,7 +357,7 @@ mod tests {
         let (a, mut to) = (greys(size, 1), vec![0; 640 * 480]);
         let one = Execution::default().threads(1);
         time("explained by light", size, &mut || {
-            explained_by_light([&a, &a], size, 4.0, &mut to, &one).unwrap()
+            explained_by_light([&a, &a], [centre(&a); 2], size, 4.0, &mut to, &one).unwrap()
         });
     }
 }

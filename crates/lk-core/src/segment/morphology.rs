@@ -14,6 +14,8 @@ use crate::parallel::{RowsMut, even_bands, for_each_band};
 use crate::scratch::with_scratch;
 use crate::simd::{Kernel, Simd, dispatch};
 
+use super::runs::next;
+
 /// Columns and rows.
 pub(crate) type Size = (usize, usize);
 
@@ -219,6 +221,12 @@ impl<'a> Source<'a> {
         Some(&self.mask[y * self.width..(y + 1) * self.width])
     }
 
+    /// Whether row `y` has something set, whether what is set or what is not is read.
+    #[inline(always)]
+    pub(super) fn has(&self, y: isize) -> bool {
+        self.row(y).is_some_and(|row| next(row, 0, 1) < row.len())
+    }
+
     /// Add row `y` to counts, or take it off.
     #[inline(always)]
     pub(super) fn count(&self, y: isize, sign: u8, counts: &mut [u8]) {
@@ -265,11 +273,28 @@ impl Kernel for Spread<'_> {
         let columns = padded - 2 * self.reach;
         let first = self.band.start as isize - self.shift;
         counts.fill(0);
+        // What nothing is set around is not set; or is, where what is not set spreads, which lies within the mask then.
+        let skips = self.source.invert == 0 || self.shift <= 0;
+        let mut last = None;
         for y in first - reach..first + reach {
             self.source.count(y, 1, counts);
+            last = if self.source.has(y) { Some(y) } else { last };
         }
         for (out, y) in self.to.chunks_exact_mut(columns).zip(first..) {
             let mut len = padded;
+            last = if self.source.has(y + reach) {
+                Some(y + reach)
+            } else {
+                last
+            };
+            if skips && last.is_none_or(|last| last < y - reach) {
+                if self.square && self.source.invert == 1 {
+                    self.source.count(y + reach, 1, counts);
+                    self.source.count(y - reach, u8::MAX, counts);
+                }
+                out.fill(0);
+                continue;
+            }
             if self.square {
                 self.source.count(y + reach, 1, counts);
                 for (to, count) in from.iter_mut().zip(counts.iter()) {

@@ -9,8 +9,10 @@ use super::align::{self};
 use super::background::moved;
 use super::camera::CameraMotion;
 use super::canvas::{Canvas, Moved};
+use super::placed::{self, nearest, nearest_mask};
 use super::segmenter::Segmenter;
-use super::transform::{self, IDENTITY, Map, inverse, nearest, product};
+use super::transform::{IDENTITY, Map, inverse, product};
+use crate::scratch::with_scratch;
 
 /// Corrections of the registration above this many pixels are seen to again, so many times.
 const ALIGNED_PX: f64 = 0.08;
@@ -101,19 +103,28 @@ impl Segmenter {
             return Ok(());
         }
         let map = self.state.canvas.to_frame();
-        let moved = transform::Moved {
+        let moved = placed::Moved {
             from: (&self.work.frame, frame),
             map: &map,
         };
+        let level = execution.simd_level();
         let outputs = Warped(
             RowsMut::new(&mut self.work.raw, size.0),
             RowsMut::new(&mut self.state.seen, size.0),
         );
         let rows = even_bands(execution, size.1, [32_768 / size.0, 8192 / size.0]);
         for_each_band(execution, size.1, rows, outputs, |band, mut part| {
-            for (local, y) in band.enumerate() {
-                moved.row(y, part.0.row_mut(local), part.1.row_mut(local));
-            }
+            with_scratch(2 * size.0, |spare| {
+                for (local, y) in band.enumerate() {
+                    moved.row(
+                        y,
+                        part.0.row_mut(local),
+                        part.1.row_mut(local),
+                        spare,
+                        level,
+                    );
+                }
+            })
         })?;
         if self.work.counts_canvas.contains(&0) {
             resize("masks", &mut self.work.spare, pixels, 0)?;
@@ -146,11 +157,10 @@ impl Segmenter {
             [0.0, 0.0, 1.0],
         ];
         let map = product(&down, &self.state.canvas.to_frame());
-        nearest(
+        nearest_mask(
             (&self.work.evidence.moving, small),
             &map,
             (&mut self.work.by_flow, size),
-            0,
             execution,
         )?;
         for (by_flow, seen) in self.work.by_flow.iter_mut().zip(&self.state.seen) {

@@ -2,8 +2,6 @@
 
 use std::ops::Range;
 
-use super::morphology::Size;
-
 /// Pixels next to each other in one row, and the region that they belong to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Run {
@@ -66,7 +64,7 @@ impl Region {
     }
 
     /// Whether it lies at the border of a frame.
-    pub(crate) fn touches_border(&self, (width, height): Size) -> bool {
+    pub(crate) fn touches_border(&self, (width, height): (usize, usize)) -> bool {
         self.left == 0
             || self.top == 0
             || self.right as usize == width

@@ -5,8 +5,11 @@ use crate::execution::Execution;
 use crate::memory::resize;
 use crate::parallel::{RowsMut, even_bands, for_each_band};
 
+use super::placed::places;
+use super::sampling::Known;
 use super::segmenter::Segmenter;
-use super::transform::along_row;
+use crate::scratch::with_scratch;
+use crate::simd::{Kernel, Simd, dispatch};
 
 impl Segmenter {
     /// Write the still scene at the pixels of the last frame, in its light; NaN where nothing is known.
@@ -41,19 +44,14 @@ impl Segmenter {
                         light.row(y, &mut gain, &mut offset, level);
                     }
                     let place = y * size.0..(y + 1) * size.0;
-                    let from = background.median[place.clone()]
-                        .iter()
-                        .zip(&background.known[place]);
-                    let light = gain.iter().zip(&offset);
-                    for ((to, (median, known)), (gain, offset)) in
-                        part.row_mut(local).iter_mut().zip(from).zip(light)
-                    {
-                        *to = if *known == 1 {
-                            (median * gain + offset) * share
-                        } else {
-                            f32::NAN
-                        };
-                    }
+                    let kernel = Lit {
+                        median: &background.median[place.clone()],
+                        known: &background.known[place],
+                        light: [&gain, &offset],
+                        share,
+                        to: part.row_mut(local),
+                    };
+                    dispatch(level, kernel);
                 }
             },
         )?;
@@ -65,16 +63,22 @@ impl Segmenter {
             rows,
             RowsMut::new(to, width),
             |band, mut part| {
-                for (local, y) in band.enumerate() {
-                    let row = part.row_mut(local);
-                    if state.canvas.rests() {
-                        row.copy_from_slice(&lit[y * width..][..width]);
-                        continue;
+                with_scratch(2 * width, |spare| {
+                    for (local, y) in band.enumerate() {
+                        let row = part.row_mut(local);
+                        if state.canvas.rests() {
+                            row.copy_from_slice(&lit[y * width..][..width]);
+                            continue;
+                        }
+                        let kernel = Known {
+                            from: &lit,
+                            size,
+                            places: places(&map, y, 0..width, spare, level),
+                            to: row,
+                        };
+                        dispatch(level, kernel);
                     }
-                    along_row(&map, y, width, |x, px, py| {
-                        row[x] = seen_at(&lit, size, px, py)
-                    });
-                }
+                })
             },
         )?;
         self.work.raw = lit;
@@ -82,25 +86,29 @@ impl Segmenter {
     }
 }
 
-/// Between four pixels, or the nearest where one of them is not known.
-fn seen_at(plane: &[f32], (width, height): (usize, usize), x: f32, y: f32) -> f32 {
-    if !(x > -0.5 && y > -0.5 && x < width as f32 - 0.5 && y < height as f32 - 0.5) {
-        return f32::NAN;
-    }
-    let (cx, cy) = (
-        x.max(0.0).min((width - 1) as f32),
-        y.max(0.0).min((height - 1) as f32),
-    );
-    let (left, top) = (cx as usize, cy as usize);
-    let (right, down) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
-    let (fx, fy) = (cx - left as f32, cy - top as f32);
-    let [a, b, c, d] =
-        [(left, top), (right, top), (left, down), (right, down)].map(|(x, y)| plane[y * width + x]);
-    let (upper, lower) = (a + fx * (b - a), c + fx * (d - c));
-    let between = upper + fy * (lower - upper);
-    if between.is_nan() {
-        plane[(cy + 0.5) as usize * width + (cx + 0.5) as usize]
-    } else {
-        between
+/// A row of the background in a light; NaN where it is not known.
+struct Lit<'a> {
+    median: &'a [f32],
+    known: &'a [u8],
+    light: [&'a [f32]; 2],
+    share: f32,
+    to: &'a mut [f32],
+}
+
+impl Kernel for Lit<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let [gain, offset] = self.light;
+        let from = self
+            .median
+            .iter()
+            .zip(self.known)
+            .zip(gain.iter().zip(offset));
+        for (to, ((median, known), (gain, offset))) in self.to.iter_mut().zip(from) {
+            let value = (median * gain + offset) * self.share;
+            *to = if *known == 1 { value } else { f32::NAN };
+        }
     }
 }

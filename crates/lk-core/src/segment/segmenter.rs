@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::execution::Execution;
 use crate::frame::{Frame, Pixel};
 use crate::memory::resize;
+use crate::parallel::within_pool;
 
 use super::MotionVector;
 use super::align::Alignment;
@@ -23,6 +24,9 @@ use super::transform::{IDENTITY, Map};
 
 /// Gaps up to about this many pixels are closed.
 pub(super) const GAP: usize = 5;
+
+/// Frames of fewer pixels than this are the work of one thread: there is less of it than handing it over costs.
+const ALONE: usize = 32_768;
 
 /// How a segmenter works.
 #[derive(Debug, Clone, Default)]
@@ -114,6 +118,8 @@ pub(super) struct Work {
     pub(super) half: [Vec<f32>; 2],
     pub(super) uv: Vec<f32>,
     pub(super) given: Vec<u8>,
+    /// Where the flow is trusted, and its columns and rows.
+    pub(super) trusted: (Vec<u8>, Size),
     pub(super) counts: Vec<u8>,
     pub(super) kept: Vec<u8>,
     pub(super) vectors: Vec<MotionVector>,
@@ -284,12 +290,27 @@ impl Segmenter {
     ) -> Result<Segmented> {
         let size = self.state.canvas.frame;
         crate::frame::expect_size("image", frame.dim(), "the frames before", (size.1, size.0))?;
+        if size.0 * size.1 < ALONE {
+            let execution = &execution.clone().threads(1);
+            return self.next(frame, flow, counts, execution);
+        }
+        within_pool(execution, || self.next(frame, flow, counts, execution))
+    }
+
+    fn next<T: Pixel>(
+        &mut self,
+        frame: Frame<'_, T>,
+        flow: Option<GivenFlow<'_>>,
+        counts: Option<&[bool]>,
+        execution: &Execution,
+    ) -> Result<Segmented> {
+        let size = self.state.canvas.frame;
         self.take(frame, counts, execution)?;
         let flow = if self.state.frames == 0 { None } else { flow };
         self.state.frames += 1;
         let Some(flow) = flow else {
             self.start(execution)?;
-            self.state.prev.clone_from(&self.work.half[0]);
+            std::mem::swap(&mut self.state.prev, &mut self.work.half[0]);
             return Ok(self.result(CameraMotion::unknown()));
         };
         self.read_flow(&flow)?;
@@ -299,14 +320,14 @@ impl Segmenter {
             self.forget()?;
             self.state.moving.fill(0);
             self.start(execution)?;
-            self.state.prev.clone_from(&self.work.half[0]);
+            std::mem::swap(&mut self.state.prev, &mut self.work.half[0]);
             return Ok(self.result(camera));
         }
         self.find_parallax(&flow, &camera);
         self.see_flow(&camera, execution)?;
         let refined = self.follow(&camera, execution)?;
         self.decide(execution)?;
-        self.state.prev.clone_from(&self.work.half[0]);
+        std::mem::swap(&mut self.state.prev, &mut self.work.half[0]);
         let mut camera = camera;
         camera.homography = refined;
         Ok(self.result(camera))

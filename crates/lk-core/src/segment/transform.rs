@@ -1,10 +1,4 @@
-//! Maps of the plane, and pictures and masks that are moved by them.
-
-use crate::error::Result;
-use crate::execution::Execution;
-use crate::parallel::{RowsMut, even_bands, for_each_band};
-
-use super::morphology::Size;
+//! Maps of the plane.
 
 /// A homography: rows of a matrix over (x, y, 1).
 pub(crate) type Map = [[f64; 3]; 3];
@@ -54,7 +48,10 @@ pub(crate) fn inverse(m: &Map) -> Option<Map> {
 /// Where a place goes.
 #[inline]
 pub(crate) fn applied(m: &Map, [x, y]: [f64; 2]) -> [f64; 2] {
-    let [a, b, c] = m.map(|row| row[0] * x + row[1] * y + row[2]);
+    let [p, q, r] = m;
+    let a = p[0] * x + p[1] * y + p[2];
+    let b = q[0] * x + q[1] * y + q[2];
+    let c = r[0] * x + r[1] * y + r[2];
     [a / c, b / c]
 }
 
@@ -79,8 +76,8 @@ pub(crate) fn reduced(map: &Map, factor: usize) -> Map {
     product(&down, &product(map, &up))
 }
 
-/// Call `work(x, place)` along row `y` with where the map takes each pixel.
-#[inline(always)]
+/// Call `work(x, place)` along row `y` with where the map takes each pixel: what [`Places`] are held to.
+#[cfg(test)]
 pub(crate) fn along_row(map: &Map, y: usize, width: usize, mut work: impl FnMut(usize, f32, f32)) {
     let y = y as f64;
     let start = map.map(|row| row[1] * y + row[2]);
@@ -100,7 +97,7 @@ pub(crate) fn along_row(map: &Map, y: usize, width: usize, mut work: impl FnMut(
 
 /// Catmull and Rom's weights of the four pixels around a fraction.
 #[inline(always)]
-fn cubic(t: f32) -> [f32; 4] {
+pub(super) fn cubic(t: f32) -> [f32; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [
         -0.5 * t3 + t2 - 0.5 * t,
@@ -108,149 +105,6 @@ fn cubic(t: f32) -> [f32; 4] {
         -1.5 * t3 + 2.0 * t2 + 0.5 * t,
         0.5 * t3 - 0.5 * t2,
     ]
-}
-
-/// A row of a picture seen at places of it, and whether it has each.
-pub(crate) struct Moved<'a> {
-    /// The picture, and its columns and rows.
-    pub(crate) from: (&'a [f32], Size),
-    /// From pixels of what is written to those of the picture.
-    pub(crate) map: &'a Map,
-}
-
-impl Moved<'_> {
-    /// Write row `y` with cubic interpolation. Beyond the picture stands its border, and `inside` is 0.
-    pub(crate) fn row(&self, y: usize, to: &mut [f32], inside: &mut [u8]) {
-        let (from, (width, height)) = self.from;
-        let (last_x, last_y) = ((width - 1) as f32, (height - 1) as f32);
-        along_row(self.map, y, to.len(), |x, px, py| {
-            let within = px >= -0.01 && py >= -0.01 && px <= last_x + 0.01 && py <= last_y + 0.01;
-            inside[x] = u8::from(within);
-            // A place that is no number is beyond.
-            let (px, py) = (px.max(0.0).min(last_x), py.max(0.0).min(last_y));
-            let (left, top) = (px as usize, py as usize);
-            let (wx, wy) = (cubic(px - left as f32), cubic(py - top as f32));
-            if left >= 1 && top >= 1 && left + 2 < width && top + 2 < height {
-                let mut sum = 0.0;
-                for (k, wy) in wy.into_iter().enumerate() {
-                    let start = (top + k - 1) * width + left - 1;
-                    if let Some([a, b, c, d]) = from[start..].first_chunk::<4>() {
-                        sum += wy * ((wx[0] * a + wx[1] * b) + (wx[2] * c + wx[3] * d));
-                    }
-                }
-                to[x] = sum;
-            } else {
-                let mut sum = 0.0;
-                for (k, wy) in wy.into_iter().enumerate() {
-                    let row = (top + k).saturating_sub(1).min(height - 1) * width;
-                    for (l, wx) in wx.into_iter().enumerate() {
-                        sum += wy * wx * from[row + (left + l).saturating_sub(1).min(width - 1)];
-                    }
-                }
-                to[x] = sum;
-            }
-        });
-    }
-}
-
-/// Write what `from` has at the nearest pixel of where `map` takes each pixel of `to`; `missing` beyond.
-///
-/// # Errors
-///
-/// Those of the execution.
-pub(crate) fn nearest<T: Copy + Send + Sync>(
-    (from, (width, height)): (&[T], Size),
-    map: &Map,
-    (to, to_size): (&mut [T], Size),
-    missing: T,
-    execution: &Execution,
-) -> Result<()> {
-    if to_size.0 == 0 {
-        return Ok(());
-    }
-    let rows = even_bands(
-        execution,
-        to_size.1,
-        [65_536 / to_size.0, 16_384 / to_size.0],
-    );
-    for_each_band(
-        execution,
-        to_size.1,
-        rows,
-        RowsMut::new(to, to_size.0),
-        |band, mut part| {
-            for (local, y) in band.enumerate() {
-                let row = part.row_mut(local);
-                along_row(map, y, to_size.0, |x, px, py| {
-                    let (px, py) = (px + 0.5, py + 0.5);
-                    let within = px >= 0.0 && py >= 0.0 && px < width as f32 && py < height as f32;
-                    row[x] = if within {
-                        from[(py as usize) * width + px as usize]
-                    } else {
-                        missing
-                    };
-                });
-            }
-        },
-    )
-}
-
-/// Write where a mask covers at least half of what is around the place that `map` takes each pixel of `to` to.
-///
-/// # Errors
-///
-/// Those of the execution.
-pub(crate) fn covered(
-    (from, (width, height)): (&[u8], Size),
-    map: &Map,
-    (to, to_size): (&mut [u8], Size),
-    execution: &Execution,
-) -> Result<()> {
-    if to_size.0 == 0 {
-        return Ok(());
-    }
-    let rows = even_bands(
-        execution,
-        to_size.1,
-        [65_536 / to_size.0, 16_384 / to_size.0],
-    );
-    for_each_band(
-        execution,
-        to_size.1,
-        rows,
-        RowsMut::new(to, to_size.0),
-        |band, mut part| {
-            for (local, y) in band.enumerate() {
-                let row = part.row_mut(local);
-                along_row(map, y, to_size.0, |x, px, py| {
-                    let within = px > -1.0 && py > -1.0 && px < width as f32 && py < height as f32;
-                    if !within {
-                        row[x] = 0;
-                        return;
-                    }
-                    let (left, top) = (px.max(0.0) as usize, py.max(0.0) as usize);
-                    let (right, down) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
-                    let at = |y: usize, x: usize| from[y * width + x];
-                    let corners = [
-                        at(top, left),
-                        at(top, right),
-                        at(down, left),
-                        at(down, right),
-                    ];
-                    row[x] = match corners {
-                        [0, 0, 0, 0] => 0,
-                        [1, 1, 1, 1] => 1,
-                        corners => {
-                            let (fx, fy) = (px - left as f32, py - top as f32);
-                            let [a, b, c, d] = corners.map(f32::from);
-                            let (upper, lower) = (a + fx * (b - a), c + fx * (d - c));
-                            u8::from(upper + fy * (lower - upper) >= 0.5)
-                        }
-                    };
-                });
-            }
-        },
-    )
 }
 
 #[cfg(test)]
@@ -267,22 +121,5 @@ mod tests {
             }
         }
         assert!(inverse(&[[1.0, 2.0, 3.0], [2.0, 4.0, 6.0], [0.0, 0.0, 1.0]]).is_none());
-    }
-
-    #[test]
-    fn whole_pixels_move_without_a_change() {
-        let size = (7, 5);
-        let from: Vec<f32> = (0..35).map(|k| (k * k % 13) as f32).collect();
-        let map = shift(2.0, 1.0);
-        let moved = Moved {
-            from: (&from, size),
-            map: &map,
-        };
-        for y in 0..4 {
-            let (mut row, mut inside) = (vec![0.0; 7], vec![0; 7]);
-            moved.row(y, &mut row, &mut inside);
-            assert_eq!(row[..5], from[(y + 1) * 7 + 2..(y + 2) * 7]);
-            assert_eq!(inside, [1, 1, 1, 1, 1, 0, 0]);
-        }
     }
 }

@@ -84,13 +84,24 @@ impl Kernel for Vote<'_> {
     fn run<S: Simd>(self, _: S) {
         let (width, reach) = (self.source.width, self.window / 2);
         let (far, height) = (reach as isize, self.source.height);
-        let mut known = 0;
+        let (mut known, mut last) = (0, None);
         self.counts.fill(0);
         for y in self.band.start as isize - far..self.band.start as isize + far {
             self.source.count(y, 1, self.counts);
+            last = if self.source.has(y) { Some(y) } else { last };
         }
         for (out, y) in self.to.chunks_exact_mut(width).zip(self.band) {
-            self.source.count(y as isize + far, 1, self.counts);
+            let next = y as isize + far;
+            last = if self.source.has(next) {
+                Some(next)
+            } else {
+                last
+            };
+            if last.is_none_or(|last| last < y as isize - far) {
+                out.fill(0);
+                continue;
+            }
+            self.source.count(next, 1, self.counts);
             let rows = (y + reach + 1).min(height) - y.saturating_sub(reach);
             if rows != known {
                 known = rows;
