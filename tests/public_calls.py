@@ -134,6 +134,11 @@ def filtered() -> rsflow.FilteredVelocity:
 
 
 @functools.cache
+def a_grid() -> rsflow.Grid:
+    return rsflow.displacement_grid(frame(0), frame(1), window_size=16, step=8)
+
+
+@functools.cache
 def tracks() -> rsflow.Tracks:
     return rsflow.track_points(frame(0), frame(1), [(16, 12), (10, 10)])
 
@@ -143,6 +148,15 @@ def a_calibration() -> rsflow.Calibration:
     view = calibration.View("a", True, corners=np.zeros((12, 2), np.float32), ids=np.arange(12), rms=0.1)
     camera = Camera(60.0, 60.0, 39.5, 29.5, width=80, height=60, std={"fx": 0.1, "fy": 0.1, "cx": 0.1, "cy": 0.1})
     return rsflow.Calibration(camera, 0.1, (view,), BOARD, {"fx": 0.1}, {"fx": 0.0}, {"fx": 0.0}, np.eye(9), 0.5, 0.0)
+
+
+def _stretch(x: Any, y: Any) -> tuple[Any, Any]:
+    return 0.01 * x, 0.0 * y
+
+
+@functools.cache
+def _deformed() -> synthetic.DeformedPair:
+    return synthetic.speckle_pair(_stretch, size=(24, 20), seed=1)
 
 
 def extraction(folder: Path) -> rsflow.Extraction:
@@ -299,6 +313,11 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.FlowField.to_table": lambda _: (field().to_table, {"step": 4}),
     "rsflow.FlowField.to_xarray": lambda _: (field().to_xarray, {}),
     "rsflow.FlowField.warp": lambda _: (field().warp, {"frame": frame(1)}),
+    "rsflow.Grid": lambda _: (rsflow.Grid, _fields(a_grid())),
+    "rsflow.Grid.replaced": lambda _: (a_grid().replaced, {}),
+    "rsflow.Grid.strain": lambda _: (a_grid().strain, {"kind": "green"}),
+    "rsflow.Grid.to_table": lambda _: (a_grid().to_table, {}),
+    "rsflow.GridStatus": lambda _: (rsflow.GridStatus, {"value": 0}),
     "rsflow.HeightFromSpeed": lambda _: (
         rsflow.HeightFromSpeed,
         _fields(rsflow.height_from_speed(a_velocity(), 0.1, speed_std_m_s=0.01)),
@@ -420,6 +439,9 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.quiver": lambda _: (rsflow.quiver, {"field": field()}),
     "rsflow.read_flow": lambda folder: (rsflow.read_flow, {"path": folder / "flow.npz"}),
     "rsflow.set_num_threads": lambda _: (rsflow.set_num_threads, {"threads": rsflow.get_num_threads()}),
+    "rsflow.displacement_grid": lambda _: (rsflow.displacement_grid, {**PAIR, "window_size": 16, "step": 8}),
+    "rsflow.grid.Replaced": lambda _: (rsflow.grid.Replaced, _fields(a_grid().replaced())),
+    "rsflow.grid.Strain": lambda _: (rsflow.grid.Strain, _fields(a_grid().strain())),
     "rsflow.track_points": lambda _: (rsflow.track_points, {**PAIR, "points": [(16, 12)]}),
     "rsflow.write_flow": lambda folder: (rsflow.write_flow, {"path": folder / "written.npy", "field": field()}),
     "rsflow.batch.BatchItem": lambda folder: (
@@ -644,6 +666,17 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         {"pictures": {}, "condition": reproduce.CONDITIONS[0]},
     ),
     "rsflow.reproduce.textures": lambda _: (reproduce.textures, {}),
+    "rsflow.synthetic.DeformedPair": lambda _: (synthetic.DeformedPair, _fields(_deformed())),
+    "rsflow.synthetic.DeformedPair.gradient": lambda _: (_deformed().gradient, {"x": 1.0, "y": 2.0}),
+    "rsflow.synthetic.DeformedPair.truth": lambda _: (_deformed().truth, {"x": 1.0, "y": 2.0}),
+    "rsflow.synthetic.particle_pair": lambda _: (
+        synthetic.particle_pair,
+        {"displacement": _stretch, "size": (24, 20), "seed": 1},
+    ),
+    "rsflow.synthetic.speckle_pair": lambda _: (
+        synthetic.speckle_pair,
+        {"displacement": _stretch, "size": (24, 20), "seed": 1},
+    ),
     "rsflow.synthetic.Clock": lambda _: (synthetic.Clock, {"jitter_s": 0.001}),
     "rsflow.synthetic.Clock.read": lambda _: (synthetic.Clock(jitter_s=0.001).read, {"times_s": [0.0, 0.1]}),
     "rsflow.synthetic.Flight": lambda _: (Flight, _fields(flight())),

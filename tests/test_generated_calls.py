@@ -49,7 +49,7 @@ LONG = {
 }
 
 # What these do when they are called is the caller's own; that they are functions is checked all the same.
-FUNCTIONS = {"lighting", "exposure_drift", "on_frame", "on_done", "on_view", "progress"}
+FUNCTIONS = {"displacement", "lighting", "exposure_drift", "on_frame", "on_done", "on_view", "progress"}
 # The same, where numbers are taken too, or several functions.
 ALSO_FUNCTIONS = {
     *(f"rsflow.synthetic.{name}.{motion}" for name in ("flight", "flight_with_object")

@@ -14,13 +14,18 @@ from rsflow import _core
 from rsflow._results.status import Status, WordStatus
 from rsflow.batch import BatchStatus
 
-NUMBERS = (rsflow.ShiftStatus, rsflow.PointStatus, rsflow.VelocityStatus, rsflow.FilterStatus)
+NUMBERS = (rsflow.ShiftStatus, rsflow.PointStatus, rsflow.GridStatus, rsflow.VelocityStatus, rsflow.FilterStatus)
 WORDS = (rsflow.SegmentationStatus, BatchStatus)
-VALID = ("VALID", "TRACKED", "OK", "DONE")
+VALID = ("VALID", "TRACKED", "MEASURED", "OK", "DONE")
 
 
 @pytest.mark.parametrize(
-    ("status", "told"), [(rsflow.ShiftStatus, _core.shift_statuses), (rsflow.PointStatus, _core.point_statuses)]
+    ("status", "told"),
+    [
+        (rsflow.ShiftStatus, _core.shift_statuses),
+        (rsflow.PointStatus, _core.point_statuses),
+        (rsflow.GridStatus, _core.grid_statuses),
+    ],
 )
 def test_statuses_are_those_of_lk_core(status, told):
     assert [(member.word, int(member)) for member in status] == told()

@@ -25,7 +25,7 @@ FLOORS = (
     ("capture", "plotting", "video"),
     ("_results",),
     ("camera",),
-    ("shift", "tracking", "flow", "calibration", "synthetic"),
+    ("shift", "tracking", "flow", "grid", "calibration", "synthetic"),
     ("segmentation", "velocity"),
     ("interop",),
     ("extraction", "reproduce", "scale"),
@@ -189,6 +189,6 @@ def test_the_map_says_where_things_live():
     answers = list(itertools.takewhile(lambda line: line.startswith("|"), lines[begin + 2 :]))
     folders = {"core": ROOT / "crates" / "lk-core" / "src", "rsflow": PACKAGE}
     files = [re.findall(r"`(\w+)/([\w/]+\.\w+)`", line) for line in answers]
-    assert len(files) == 21
+    assert len(files) == 22
     assert [line for line, named in zip(answers, files, strict=True) if not named] == []
     assert [name for named in files for folder, name in named if not (folders[folder] / name).is_file()] == []

@@ -23,7 +23,7 @@ FLOORS = (
     ("grey", "phase", "presmooth"),
     ("support", "displacement_hypotheses"),
     ("pyramid",),
-    ("shift", "corners", "dense"),
+    ("shift", "corners", "dense", "grid"),
     ("track", "plane"),
     ("segment",),
     ("",),

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .capture import Frame, Frames, frames
     from .extraction import Extraction, ExtractionInterrupted, PartialExtractionError, extract
     from .flow import DenseFlow, FlowField, dense_flow
+    from .grid import Grid, GridStatus, displacement_grid
     from .io import read_flow, write_flow
     from .plotting import QuiverStyle, flow_to_color, quiver
     from .scale import (
@@ -68,6 +69,8 @@ _LAZY: dict[str, str] = {
     "FlowField": ".flow",
     "Frame": ".capture",
     "Frames": ".capture",
+    "Grid": ".grid",
+    "GridStatus": ".grid",
     "HeightFromSpeed": ".scale",
     "HeightStatus": ".scale",
     "MotionSegmentation": ".segmentation",
@@ -92,6 +95,7 @@ _LAZY: dict[str, str] = {
     "check_scale": ".scale",
     "dense_flow": ".flow",
     "detect_corners": ".tracking",
+    "displacement_grid": ".grid",
     "estimate_shift": ".shift",
     "extract": ".extraction",
     "extract_many": ".batch",
@@ -113,6 +117,7 @@ _SUBMODULES = (
     "capture",
     "errors",
     "extraction",
+    "grid",
     "interop",
     "io",
     "live",
@@ -140,6 +145,8 @@ __all__ = [
     "FormatError",
     "Frame",
     "Frames",
+    "Grid",
+    "GridStatus",
     "HeightFromSpeed",
     "HeightStatus",
     "InternalError",
@@ -172,6 +179,7 @@ __all__ = [
     "check_scale",
     "dense_flow",
     "detect_corners",
+    "displacement_grid",
     "estimate_shift",
     "extract",
     "extract_many",

@@ -3,7 +3,7 @@ from typing import Any, Self, TypedDict, final
 import numpy as np
 from numpy.typing import NDArray
 
-from ._checks.knobs import Illumination, Preset, ShiftDeformation, TrackOptions
+from ._checks.knobs import GridOptions, Illumination, Preset, ShiftDeformation, TrackOptions
 
 __all__ = [
     "DenseFlow",
@@ -13,10 +13,12 @@ __all__ = [
     "__version__",
     "build_info",
     "detect_corners",
+    "displacement_grid",
     "estimate_shift",
     "fit_plane",
     "gaussian_pyramid",
     "get_num_threads",
+    "grid_statuses",
     "plane_tile_statuses",
     "point_statuses",
     "set_num_threads",
@@ -53,6 +55,27 @@ def track_points(
     next_mask: object,
     options: TrackOptions,
 ) -> _TrackParts: ...
+
+class _GridParts(TypedDict):
+    first: tuple[float, float]
+    raw: NDArray[np.float32]
+    status: NDArray[np.uint8]
+    gradient: NDArray[np.float32]
+    joint_covariance: NDArray[np.float32]
+    residual: NDArray[np.float32]
+    correlation: NDArray[np.float32]
+    gain: NDArray[np.float32]
+    offset: NDArray[np.float32]
+
+def displacement_grid(
+    prev: object,
+    next: object,
+    initial: NDArray[np.float32] | None,
+    mask: object,
+    next_mask: object,
+    options: GridOptions,
+) -> _GridParts: ...
+def grid_statuses() -> list[tuple[str, int]]: ...
 def detect_corners(
     frame: object,
     mask: object,

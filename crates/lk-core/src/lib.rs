@@ -18,6 +18,7 @@ mod error;
 mod execution;
 mod frame;
 mod grey;
+mod grid;
 mod illumination;
 mod memory;
 mod options;
@@ -44,6 +45,7 @@ pub use dense::{
 pub use error::{Error, Result};
 pub use execution::Execution;
 pub use frame::{Frame, Pixel, Plane, frame_from_slice};
+pub use grid::{Grid, GridNode, GridOptions, GridShape, GridStatus, displacement_grid};
 pub use illumination::Illumination;
 pub use parallel::set_num_threads;
 pub use plane::{

@@ -6,6 +6,7 @@ mod corners;
 mod errors;
 mod flow;
 mod frames;
+mod grid;
 mod interrupt;
 mod outputs;
 mod plane;
@@ -122,6 +123,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(get_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(build_info, module)?)?;
     tracking::register(module)?;
+    grid::register(module)?;
     module.add_function(wrap_pyfunction!(corners::detect_corners, module)?)?;
     module.add_class::<tracker::PyPointTracker>()?;
     plane::register(module)?;

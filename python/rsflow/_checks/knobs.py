@@ -7,11 +7,12 @@ from typing import Literal, TypedDict, get_args
 import numpy as np
 
 from .messages import refused
-from .options import FLOAT32_MAX, choice, integer, integers, number, number_or_none, whole
+from .options import FLOAT32_MAX, choice, flag, integer, integers, number, number_or_none, whole
 
 Illumination = Literal["none", "offset", "gain_offset"]
 Deformation = Literal["auto", "none", "affine"]
 ShiftDeformation = Literal["none", "affine"]
+GridShape = Literal["translation", "affine", "quadratic"]
 Preset = Literal["ultrafast", "fast", "balanced", "accurate"]
 
 
@@ -26,6 +27,17 @@ class TrackOptions(TypedDict):
     illumination: Illumination
     deformation: Deformation
     max_forward_backward: float | None
+
+
+class GridOptions(TypedDict):
+    """The options of a measuring grid as lk-core's binding takes them."""
+
+    window_size: int
+    step: int
+    shape: GridShape
+    robust: bool
+    illumination: Illumination
+    max_displacement: float | None
 
 
 def illumination(value: object) -> Illumination:
@@ -74,6 +86,19 @@ def corners(max_corners: object, quality: object, min_distance: object) -> tuple
         number("quality", quality, most=FLOAT32_MAX),
         number("min_distance", min_distance, most=FLOAT32_MAX, of="pixels"),
     )
+
+
+def grid(*, window_size: object, step: object, shape: object, robust: object, **shared: object) -> GridOptions:
+    """Take the options of a measuring grid as lk-core's binding wants them."""
+    word: GridShape = choice("shape", shape, get_args(GridShape))
+    return {
+        "window_size": integer("window_size", window_size, least=8, most=256, of="pixels"),
+        "step": integer("step", step, least=1, of="pixels"),
+        "shape": word,
+        "robust": flag("robust", robust),
+        "illumination": illumination(shared["illumination"]),
+        "max_displacement": max_displacement(shared["max_displacement"]),
+    }
 
 
 def tracking(

@@ -5,7 +5,8 @@ zoom each in its own way, `layers_pair` two of a scene that is hard to measure (
 blurred by their motion, in fog) with its dense flow, `flight` what a camera sees that flies over flat, textured ground,
 `flight_with_object` the same with things that move on the ground and a mask of where they are, `moving_things`
 what moves before a camera that stands or moves, with masks, numbers, ways and speeds, `chessboard_views` what a camera
-sees of a board that it is calibrated with.
+sees of a board that it is calibrated with. `particle_pair` and `speckle_pair` are particles in a fluid and speckle on a
+material that any displacement moves, a function of the place.
 
 A flight takes the conditions of a set-up piece by piece. On the ground: `tiled_floor`, `checkered_floor`,
 `contrast_levels`, `moving_shadow`, `water`. On the camera: `readout_s` (rolling shutter), `exposure_s`, `dirt`,
@@ -18,6 +19,7 @@ Everything is seeded: the same arguments give the same pixels.
 from __future__ import annotations
 
 from .boards import chessboard_views
+from .deformed import DeformedPair, particle_pair, speckle_pair
 from .flights import Flight, flight, flight_with_object
 from .floors import checkered_floor, tiled_floor
 from .ground_effects import GroundEffect, moving_shadow, water
@@ -50,6 +52,7 @@ __all__ = [
     "LIGHTING",
     "WEBCAM",
     "Clock",
+    "DeformedPair",
     "Flight",
     "GroundEffect",
     "Gyro",
@@ -85,11 +88,13 @@ __all__ = [
     "moving_shadow",
     "moving_things",
     "offset",
+    "particle_pair",
     "passing_clouds",
     "ramp",
     "repeated",
     "shadow",
     "shifted_pair",
+    "speckle_pair",
     "spotlight",
     "texture",
     "tiled_floor",
