@@ -63,6 +63,14 @@ class Levels:
         """Give a frame without the base."""
         return image if self.base == 0 else np.subtract(image, np.float32(self.base), dtype=np.float32)
 
+    def of_255(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Give a frame in levels of 0 to 255, brighter and darker ones beyond."""
+        return (
+            image
+            if image.dtype == np.uint8
+            else np.float32(self.scale) * (image.astype(np.float32) - np.float32(self.base))
+        )
+
     def given(self, picture: F32) -> F32:
         """Give a picture with the base again."""
         return picture if self.base == 0 else picture + np.float32(self.base)

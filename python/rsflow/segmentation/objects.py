@@ -15,8 +15,8 @@ from .. import _checks
 from .._display import options
 from .._shared import Shared, alone
 from ..errors import ShapeError
-from .tracks import kalman, lifecycle, matching, measuring
-from .tracks.followed import HIDDEN, Followed
+from .tracks import kalman, lifecycle, matching, measuring, picture_motion
+from .tracks.followed import HIDDEN, SEEN, Followed
 from .tracks.regions_seen import Regions, observe
 from .tracks.telling import told
 from .tracks.travel import go_on, length, travelling
@@ -33,16 +33,17 @@ __all__ = ["ObjectTracker"]
 # Deviation of the change of velocity in a frame: in pixels, and as a share of the thing's size; up to so many times as
 # much for what surprises.
 _TURN_PX, _TURN_SHARE = 0.03, 0.003
-_LEAST_SURPRISE, _MOST_SURPRISE = 0.25, 16.0
+_LEAST_SURPRISE, _MOST_SURPRISE = 0.02, 16.0
 
 
 class ObjectTracker(Shared):
     """Give the regions of successive masks numbers that last.
 
     Each thing has a Kalman filter over the ground for its place and its velocity. A region belongs to the thing whose
-    predicted place, size, motion and grey levels fit it best, all of them together. Parts of a thing that is torn are
-    put together; things that merge into one region keep their numbers, by their prediction, and share its pixels by
-    place and motion; a hidden thing goes on as predicted. A thing that turns out to be two is split.
+    predicted place, size, motion and grey levels fit it best, all of them together. Given the frames, samples of a
+    thing's own picture say how far it went. Parts of a thing that is torn are put together; things that merge into one
+    region keep their numbers, by their prediction, and share its pixels by place and motion; a hidden thing goes on as
+    predicted. A thing that turns out to be two is split.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ class ObjectTracker(Shared):
     ((), [(22.5, 'hidden')])
     """
 
-    _state_version = 2
+    _state_version = 3
     _state_types: ClassVar = {
         **dict.fromkeys(("min_area", "max_missed", "min_age", "_next_id", "_frame"), (numbers.Integral,)),
         "only_travelling": (bool, np.bool_),
@@ -143,7 +144,7 @@ class ObjectTracker(Shared):
         camera_motion : ndarray, (3, 3), optional
             Where the camera's motion takes a pixel of the frame before; by default it stands still.
         image : ndarray of uint8, uint16 or float32, (height, width), optional
-            The frame: things that come apart again are told by their grey levels too.
+            The frame: then things are followed by their own pictures too. Floating-point levels are of 0 to 255.
         t_s : float, optional
             The frame's time in seconds, for velocities per second and for frames that are missing.
 
@@ -168,13 +169,18 @@ class ObjectTracker(Shared):
         things.way += things.place - before
         regions = observe(mask, motion, image, self.min_area)
         matches = matching.match(things, regions, things.listed, mask.shape)
-        seen = measuring.measure(things, regions, matches, motion, mask.shape)
+        levels = None if image is None else picture_motion.smoothed(image)
+        ridden = picture_motion.ride(things, regions, matches.region, levels, steps)
+        seen = measuring.measure(things, regions, matches, motion, mask.shape, ridden)
         measuring.believe(things, seen, before, steps)
+        picture_motion.go_along(things, ridden, things.place - before)
+        alone = np.flatnonzero(seen.state == SEEN)
+        things.patch[alone] = picture_motion.sampled(regions, matches.region[alone], levels)
         lifecycle.part(things, regions, matches, seen, motion, self._frame)
-        measuring.remember(things, seen)
+        measuring.remember(things, seen, mask.shape)
         fused = lifecycle.fuse(things, regions, matches, self._frame)
         go_on(things)
-        lifecycle.begin(things, regions, matches.left, self._frame, steps)
+        lifecycle.begin(things, regions, matches.left, self._frame, steps, levels)
         self._list()
         self._label(mask, regions, matches, seen)
         self._follow_over_ground()
@@ -233,6 +239,8 @@ class ObjectTracker(Shared):
             things.place[...] = moved
             for vectors in (things.velocity, things.way, things.corner, things.carried, things.alongside):
                 vectors[...] = (slope @ vectors[:, :, None])[:, :, 0]
+            samples, _ = kalman.carried(things.patch[:, :, 1:3].reshape(-1, 2).astype(np.float64), camera_motion)
+            things.patch[:, :, 1:3] = np.nan_to_num(samples).reshape(len(things), -1, 2)
             things.size *= scale[:, None]
             things.area *= scale * scale
             things.variance *= (scale * scale)[:, None, None]

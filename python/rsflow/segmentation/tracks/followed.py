@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .regions_seen import BINS
+from .regions_seen import BINS, SAMPLES
 
 F64 = NDArray[np.float64]
 
@@ -30,6 +30,8 @@ class Followed:
         Of the place, of place with velocity, of the velocity, along each axis.
     informed, flowing : (n,) bool
         Whether its velocity was ever measured, and by the motion in it.
+    proved : (n,) bool
+        Whether it has gone its own size, as the motion in it says too.
     size, area : (n, 2), (n,) float64
         Width and height of its box, and its number of pixels, smoothed.
     box : (n, 4) float64
@@ -46,8 +48,12 @@ class Followed:
         Tells it from all others, and that which it was a part of, 0 for none.
     apart : (n,) int64
         In how many frames more it was seen apart from that than together with it.
+    alone, within : (n,) int64
+        In how many frames it was seen by itself, and for how many it has gone along within another one.
     histogram : (n, 16) float64
         Shares of its grey levels, smoothed.
+    patch : (n, 256, 6) float32
+        Samples of its picture: weight, x and y in the picture at hand, level, and how that changes along x and y.
     surprise : (n,) float64
         Mean squared innovation over its variance, smoothed.
     way, reach : (n, 2), (n,) float64
@@ -63,6 +69,10 @@ class Followed:
         of the first frame.
     ground : (n, 2) float64
         Its place in the first frame's picture.
+    motion, scatter : (n, 2) float64
+        How far its picture went in the last frame, NaN where it does not say, and the variance of that by its changes.
+    contrast : (n,) float64
+        The most, in levels of 256, that its picture has differed within itself or from what it would be at rest.
     parts : (n,) float64
         How much says by its shape that it is two things.
     strips : (n, 2, 2) float64
@@ -70,19 +80,34 @@ class Followed:
     """
 
     _ROWS: ClassVar[dict[str, tuple[type, tuple[int, ...]]]] = {
-        **dict.fromkeys(("id", "age", "missed", "first", "state", "key", "kin", "apart"), (np.int64, ())),
-        **dict.fromkeys(("listed", "informed", "flowing"), (np.bool_, ())),
         **dict.fromkeys(
-            ("place", "velocity", "size", "centre", "way", "corner", "carried", "alongside", "ground"),
+            ("id", "age", "missed", "first", "state", "key", "kin", "apart", "alone", "within"), (np.int64, ())
+        ),
+        **dict.fromkeys(("listed", "informed", "flowing", "proved"), (np.bool_, ())),
+        **dict.fromkeys(
+            (
+                "place",
+                "velocity",
+                "size",
+                "centre",
+                "way",
+                "corner",
+                "carried",
+                "alongside",
+                "ground",
+                "motion",
+                "scatter",
+            ),
             (np.float64, (2,)),
         ),
         **dict.fromkeys(
-            ("area", "pixels", "surprise", "reach", "travelled", "path", "steps", "parts"), (np.float64, ())
+            ("area", "pixels", "surprise", "reach", "travelled", "path", "steps", "parts", "contrast"), (np.float64, ())
         ),
         "variance": (np.float64, (2, 3)),
         "strips": (np.float64, (2, 2)),
         "box": (np.float64, (4,)),
         "histogram": (np.float64, (BINS,)),
+        "patch": (np.float32, (SAMPLES, 6)),
     }
 
     id: NDArray[np.int64]
@@ -93,9 +118,12 @@ class Followed:
     key: NDArray[np.int64]
     kin: NDArray[np.int64]
     apart: NDArray[np.int64]
+    alone: NDArray[np.int64]
+    within: NDArray[np.int64]
     listed: NDArray[np.bool_]
     informed: NDArray[np.bool_]
     flowing: NDArray[np.bool_]
+    proved: NDArray[np.bool_]
     place: F64
     velocity: F64
     size: F64
@@ -105,6 +133,8 @@ class Followed:
     carried: F64
     alongside: F64
     ground: F64
+    motion: F64
+    scatter: F64
     area: F64
     pixels: F64
     surprise: F64
@@ -113,10 +143,12 @@ class Followed:
     path: F64
     steps: F64
     parts: F64
+    contrast: F64
     variance: F64
     strips: F64
     box: F64
     histogram: F64
+    patch: NDArray[np.float32]
 
     def __init__(self) -> None:
         self.keys = 0

@@ -8,6 +8,7 @@ import numpy as np
 
 from . import sharing
 from .followed import HIDDEN, SEEN, Followed
+from .picture_motion import sampled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,6 +33,11 @@ _BESIDE_SHARE = 0.3
 # A part of a thing is one of its own when it was seen apart in so many frames more than together; it is none when it
 # was together with it in so many more, moving against it by less than this.
 _OF_ITS_OWN, _ONE, _AGAINST_PX = 12, 4, 0.7
+# A thing goes along with another one in its region if it has less than so much of its area, and they move alike, in
+# pixels and as a share of the speed, or it was hardly ever seen alone: a foot swings. After so many frames, and as many
+# as it was seen alone before, it is a part of that.
+_SMALL, _ALONG_PX, _ALONG_SHARE = 0.35, 0.5, 0.25
+_SWALLOWED, _MOST_ALONE = 6, 60
 # A thing is looked at where so much of its area is seen.
 _WHOLE = 0.6
 # Halves are two things when they have moved against each other by so much of their size.
@@ -40,7 +46,14 @@ _APART_SHARE = 0.4
 _LEFT_BEHIND = 0.3
 
 
-def begin(things: Followed, regions: Regions, numbers: list[int], frame: int, steps: float) -> None:
+def begin(
+    things: Followed,
+    regions: Regions,
+    numbers: list[int],
+    frame: int,
+    steps: float,
+    levels: NDArray[np.float32] | None,
+) -> None:
     """Follow regions that belong to nothing."""
     if not numbers:
         return
@@ -67,8 +80,10 @@ def begin(things: Followed, regions: Regions, numbers: list[int], frame: int, st
         box=regions.box[numbers],
         centre=regions.centre[numbers],
         histogram=regions.histogram[numbers],
+        patch=sampled(regions, np.array(numbers, np.intp), levels),
         surprise=1.0,
         ground=np.nan,
+        motion=np.nan,
         key=things.next_keys(len(numbers)),
         kin=_kin(things, regions, numbers),
     )
@@ -115,10 +130,26 @@ def fuse(things: Followed, regions: Regions, matches: Matches, frame: int) -> ND
                     things.place[first], things.size[first] = (low + high) / 2, high - low
                     things.area[first] += things.area[second]
                     things.parts[first] = -_TWO
+    gone |= _swallowed(things, matches)
     seen = (things.kin > 0) & (things.state == SEEN)
     seen[list(together)] = False
     things.apart[seen] = np.minimum(things.apart[seen] + 1, _OF_ITS_OWN)
     return gone
+
+
+def _swallowed(things: Followed, matches: Matches) -> NDArray[np.bool_]:
+    """Say which things go along within a larger one: a foot that was seen before the rest, a part that was torn off."""
+    inside = np.zeros(len(things), bool)
+    for members in matches.shared.values():
+        largest = max(members, key=lambda thing: (things.area[thing], -thing))
+        speed = float(np.hypot(*things.velocity[largest]))
+        for thing in members:
+            against = float(np.hypot(*(things.velocity[thing] - things.velocity[largest])))
+            small = things.area[thing] <= _SMALL * things.area[largest]
+            alike = against <= max(_ALONG_PX, _ALONG_SHARE * speed) or things.alone[thing] < _OF_ITS_OWN
+            inside[thing] = small and alike
+    things.within[:] = np.where(inside, things.within + 1, 0)
+    return np.asarray(things.within >= _SWALLOWED + np.minimum(things.alone, _MOST_ALONE))
 
 
 def part(
@@ -211,6 +242,8 @@ def _split(
         "id": 0,
         "age": things.age[thing] + 1,
         "missed": 0,
+        "alone": 0,
+        "within": 0,
         "place": centres[1],
         "centre": centres[1],
         "velocity": motion,

@@ -27,6 +27,8 @@ _TURN_SHARE = 0.3
 # deviation; more than this each never counts, as parts of it may be missing.
 _SIZE_DEVIATION = 0.5
 _MOST_SIZE = 4.0
+# What is cut off by the picture's border still shows so many pixels.
+_LEAST_SIZE = 1.0
 # Likewise its motion, in pixels and as a share of itself, and its grey levels (squared Hellinger distance).
 _MOTION_PX, _MOTION_SHARE = 1.0, 0.3
 _MOST_MOTION = 4.0
@@ -84,7 +86,7 @@ def match(things: Followed, regions: Regions, lasting: NDArray[np.bool_], shape:
     every = list(range(len(regions)))
     if not count or not every:
         return Matches(region, {}, {}, every)
-    for row, column in assign(_cost(things, regions), _MOST):
+    for row, column in assign(_cost(things, regions, shape), _MOST):
         region[row] = column
     predicted = boxes_of(things.place, things.size)
     taken = set(region[region >= 0].tolist())
@@ -102,16 +104,26 @@ def match(things: Followed, regions: Regions, lasting: NDArray[np.bool_], shape:
     return Matches(region, pieces, shared, left)
 
 
-def _cost(things: Followed, regions: Regions) -> F64:
+def visible(place: F64, size: F64, shape: tuple[int, int]) -> tuple[F64, F64]:
+    """Give place and size of what the picture shows of things: its border cuts some off."""
+    box = boxes_of(place, size) + 0.5
+    limits = np.array([shape[1], shape[0]], np.float64)
+    low, high = np.clip(box[:, :2], 0, limits - _LEAST_SIZE), np.clip(box[:, 2:], _LEAST_SIZE, limits)
+    high = np.maximum(high, low + _LEAST_SIZE)
+    return place + (low + high - box[:, :2] - box[:, 2:]) / 2, high - low
+
+
+def _cost(things: Followed, regions: Regions, shape: tuple[int, int]) -> F64:
     """Give what it costs that a region is a thing's, in squared deviations."""
-    off = regions.centre[None] - things.place[:, None]
+    place, size = visible(things.place, things.size, shape)
+    off = regions.centre[None] - place[:, None]
     speed = np.hypot(things.velocity[:, 0], things.velocity[:, 1])[:, None, None]
     wide = (
         things.variance[:, None, :, 0] + (_CENTRE_SHARE * things.size[:, None] + 0.5) ** 2 + (_TURN_SHARE * speed) ** 2
     )
     cost = (off * off / wide).sum(axis=2)
-    shape = np.log(regions.size[None] / things.size[:, None]) / _SIZE_DEVIATION
-    cost += np.minimum(shape * shape, _MOST_SIZE).sum(axis=2)
+    change = np.log(regions.size[None] / size[:, None]) / _SIZE_DEVIATION
+    cost += np.minimum(change * change, _MOST_SIZE).sum(axis=2)
     known: NDArray[np.bool_] = np.logical_and(things.informed[:, None], np.isfinite(regions.motion[None, :, 0]))
     if known.any():
         other = np.nan_to_num(regions.motion)[None] - things.velocity[:, None]

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .matching import Matches
+    from .picture_motion import Ridden
     from .regions_seen import Regions
 
     F64 = NDArray[np.float64]
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 # Deviation of the place that a region's centre gives: in pixels, as a share of its size, and of how much its width and
 # height differ from the thing's.
 _PLACE_PX, _PLACE_SHARE, _SHAPE_SHARE = 0.3, 0.02, 0.5
+# Of one that the picture's border cuts off, by its other edge.
+_EDGE_PX, _EDGE_SHARE = 1.0, 0.1
 # The same for a share in a region with others, of its size.
 _MERGED_SHARE = 0.3
 # What is seen of a thing beside others is less than this share of its area: it is behind them.
@@ -30,6 +33,8 @@ _VISIBLE = 0.25
 _OTHER_GREY = 0.4
 # Deviation of a velocity that a region's motion gives, beside that of the median.
 _MOTION_PX, _MOTION_SHARE = 0.05, 0.03
+# How fast the scatter of the motions follows, a frame.
+_SCATTER_FOLLOWS = 0.1
 # How fast size, area and grey levels follow, a frame; while a thing is new all it saw counts alike.
 _FOLLOWS = 0.1
 _GREY_FOLLOWS = 0.05
@@ -61,7 +66,12 @@ class Measured:
 
 
 def measure(
-    things: Followed, regions: Regions, matches: Matches, motion: NDArray[np.floating] | None, shape: tuple[int, int]
+    things: Followed,
+    regions: Regions,
+    matches: Matches,
+    motion: NDArray[np.floating] | None,
+    shape: tuple[int, int],
+    ridden: Ridden,
 ) -> Measured:
     """Take from the regions what they say of the things they belong to."""
     count = len(things)
@@ -86,11 +96,23 @@ def measure(
     for thing, pieces in matches.pieces.items():
         _add_pieces(out, regions, thing, [int(matches.region[thing]), *pieces])
     if len(at):
-        seen = np.flatnonzero(own)
-        out.centre_variance[seen] = _centre_variance(out.box[seen], things.size[seen], shape)
+        _by_border(out, things, np.flatnonzero(own), shape)
     for number, members in matches.shared.items():
         _share(out, things, regions, number, members, motion)
+    things.contrast = np.maximum(things.contrast, ridden.contrast)
+    told = np.isfinite(ridden.motion[:, 0]) & (out.state != HIDDEN)
+    out.motion[told] = ridden.motion[told]
+    out.motion_variance[told] = np.maximum(ridden.variance[told], _scatter(things, ridden.motion)[told])
     return out
+
+
+def _scatter(things: Followed, motion: F64) -> F64:
+    """Give the variance of the motions that the pictures of the things say, by how these change from frame to frame."""
+    change = (motion - things.motion) ** 2 / 2
+    known = np.isfinite(change)
+    things.scatter += np.where(known, _SCATTER_FOLLOWS * (np.nan_to_num(change) - things.scatter), 0.0)
+    things.motion[:] = motion
+    return things.scatter
 
 
 def _motion_variance(motion: F64, variance: F64) -> F64:
@@ -98,13 +120,25 @@ def _motion_variance(motion: F64, variance: F64) -> F64:
     return np.where(np.isfinite(speed), variance + _MOTION_PX**2 + (_MOTION_SHARE * speed) ** 2, np.inf)
 
 
-def _centre_variance(box: F64, size: F64, shape: tuple[int, int]) -> F64:
-    seen = box[:, 2:] - box[:, :2]
-    deviation = (_PLACE_PX + _PLACE_SHARE * size) ** 2 + (_SHAPE_SHARE * (seen - size)) ** 2
-    # What the picture's border cuts off is where its motion says, not where the rest's centre is.
+def _cut(box: F64, shape: tuple[int, int]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Say along each axis whether the picture's border cuts boxes off, at their lower and at their upper end."""
     limits = np.array([shape[1], shape[0]])
-    cut = (box[:, :2] <= 0) | (box[:, 2:] >= limits)
-    return np.where(cut, deviation + (0.5 * seen) ** 2, deviation)
+    return box[:, :2] <= 0, box[:, 2:] >= limits
+
+
+def _by_border(out: Measured, things: Followed, seen: NDArray[np.intp], shape: tuple[int, int]) -> None:
+    """Say where things are that are seen alone: of what the picture's border cuts off, by the edge that is seen."""
+    box, size = out.box[seen], things.size[seen]
+    extent = box[:, 2:] - box[:, :2]
+    deviation = (_PLACE_PX + _PLACE_SHARE * size) ** 2 + (_SHAPE_SHARE * (extent - size)) ** 2
+    low, high = _cut(box, shape)
+    cut = low | high
+    # One that was seen as large before lies beyond the border as far as it was large.
+    known = (low ^ high) & (size > extent)
+    place = np.where(low, box[:, 2:] - size / 2, box[:, :2] + size / 2) - 0.5
+    out.centre[seen] = np.where(known, place, out.centre[seen])
+    by_edge = (_EDGE_PX + _EDGE_SHARE * size) ** 2
+    out.centre_variance[seen] = np.where(known, by_edge, np.where(cut, deviation + (0.5 * extent) ** 2, deviation))
 
 
 def _add_pieces(out: Measured, regions: Regions, thing: int, parts: list[int]) -> None:
@@ -237,11 +271,12 @@ def _same_shape(things: Followed, seen: Measured) -> NDArray[np.bool_]:
     return out
 
 
-def remember(things: Followed, seen: Measured) -> None:
+def remember(things: Followed, seen: Measured, shape: tuple[int, int]) -> None:
     """Let what things look like follow what was seen of them, where they were seen alone."""
     alone = seen.state == SEEN
     visible = seen.state != HIDDEN
     things.age += visible
+    things.alone += alone
     things.missed[visible] = 0
     things.missed[~visible] += 1
     things.state[:] = seen.state
@@ -251,8 +286,13 @@ def remember(things: Followed, seen: Measured) -> None:
     things.centre[~visible] = things.place[~visible]
     rate = np.where(alone, np.maximum(_FOLLOWS, 1.0 / np.maximum(things.age, 1)), 0.0)
     size = seen.box[:, 2:] - seen.box[:, :2]
-    things.size += rate[:, None] * (size - things.size)
-    things.area += rate * (seen.area - things.area)
+    low, high = _cut(seen.box, shape)
+    # What is cut off is as large as it was, and what comes in larger than it seemed.
+    cut, part = low | high, (low | high).any(axis=1)
+    most = np.where(alone[:, None], np.maximum(things.size, size), things.size)
+    things.size[:] = np.where(cut, most, things.size + rate[:, None] * (size - things.size))
+    area = np.where(alone, np.maximum(things.area, seen.area), things.area)
+    things.area[:] = np.where(part, area, things.area + rate * (seen.area - things.area))
     grey = alone & seen.histogram.any(axis=1)
     fresh = grey & ~things.histogram.any(axis=1)
     rate = np.where(fresh, 1.0, np.where(grey, _GREY_FOLLOWS, 0.0))[:, None]

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 # Motion and grey levels of a region are taken at so many places along each side of its box.
 _SAMPLES = 16
+SAMPLES = _SAMPLES * _SAMPLES
 # Grey levels fall into so many bins.
 BINS = 16
 # Share of a region's samples whose motion must be known for their median to be its motion.
@@ -51,6 +52,10 @@ class Regions:
         Variance of that median.
     histogram : (n, 16) float64
         Shares of its grey levels; all zero without a picture.
+    rows, columns : (n, 16) int
+        Where samples of each region are taken: every row with every column.
+    inside : (n, 256) bool
+        Which of these are its pixels.
     image : (height, width) array or None
         The picture.
     """
@@ -64,6 +69,9 @@ class Regions:
     motion: F64
     motion_variance: F64
     histogram: F64
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    inside: NDArray[np.bool_]
     image: NDArray[Any] | None
 
     def __len__(self) -> int:
@@ -86,18 +94,30 @@ def observe(
     count = len(label)
     motions, variance = np.full((count, 2), np.nan), np.full((count, 2), np.inf)
     histogram = np.zeros((count, BINS))
-    if count and (motion is not None or image is not None):
-        steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-        columns = (kept[:, 0, None] + kept[:, 2, None] * steps).astype(np.intp)[:, None, :]
-        rows = (kept[:, 1, None] + kept[:, 3, None] * steps).astype(np.intp)[:, :, None]
-        place = (rows * labels.shape[1] + columns).reshape(count, -1)
-        inside = labels.reshape(-1)[place] == label[:, None]
-        if motion is not None:
-            vectors = np.asarray(motion).reshape(-1, 2)[place]
-            motions, variance = _medians(vectors, inside, kept[:, 4])
-        if image is not None:
-            histogram = histograms(image[rows, columns].reshape(count, -1), inside)
-    return Regions(labels, len(stats), label, box, kept[:, 4], centres[label], motions, variance, histogram, image)
+    steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    columns = (kept[:, 0, None] + kept[:, 2, None] * steps).astype(np.intp)
+    rows = (kept[:, 1, None] + kept[:, 3, None] * steps).astype(np.intp)
+    place = (rows[:, :, None] * labels.shape[1] + columns[:, None, :]).reshape(count, SAMPLES)
+    inside = labels.reshape(-1)[place] == label[:, None]
+    if count and motion is not None:
+        motions, variance = _medians(np.asarray(motion).reshape(-1, 2)[place], inside, kept[:, 4])
+    if count and image is not None:
+        histogram = histograms(image[rows[:, :, None], columns[:, None, :]].reshape(count, -1), inside)
+    return Regions(
+        labels,
+        len(stats),
+        label,
+        box,
+        kept[:, 4],
+        centres[label],
+        motions,
+        variance,
+        histogram,
+        rows,
+        columns,
+        inside,
+        image,
+    )
 
 
 def _medians(vectors: NDArray[Any], inside: NDArray[np.bool_], area: F64) -> tuple[F64, F64]:

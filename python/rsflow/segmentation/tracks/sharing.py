@@ -53,6 +53,8 @@ def divide(
 
 # Two parts are two things' if each has so much of the area.
 _LEAST_PART = 0.25
+# Or so much, if it is as long as this share of the other one: a foot is not, a thing beside a larger one is.
+_LONG_PART, _LONG = 0.08, 0.6
 # Beside each other are parts that share so much of the lower one's height and are taller than wide, as people are;
 # others are mostly one thing that is torn.
 _BESIDE = 0.5
@@ -73,10 +75,11 @@ _SAMPLES = 16
 
 def parted(first: F64, second: F64, areas: tuple[float, float]) -> float:
     """Say how much two boxes, each of a part of this area, look like two things': 0 not at all."""
-    if min(areas) < _LEAST_PART * sum(areas):
-        return 0.0
     gap = np.maximum(first[:2], second[:2]) - np.minimum(first[2:], second[2:])
     sizes = first[2:] - first[:2], second[2:] - second[:2]
+    long = sorted(float(size.max()) for size in sizes)
+    if min(areas) < (_LONG_PART if long[0] >= _LONG * long[1] else _LEAST_PART) * sum(areas):
+        return 0.0
     upright = all(size[1] > size[0] for size in sizes)
     if upright and gap[0] >= 0 and -gap[1] >= _BESIDE * min(size[1] for size in sizes):
         return _BESIDE_COUNTS

@@ -18,9 +18,15 @@ if TYPE_CHECKING:
 _LEAST_PX, _LEAST_SHARE = 1.5, 0.04
 _FAR_PX, _FAR_SHARE, _FAR_AGE = 4.0, 0.3, 4
 # So much of its way must be what the motion in it says, or the region grew and shrank.
-_BY_MOTION = 0.35
+_BY_MOTION = 0.5
+# And that must be known for so much of its way.
+_TOLD, _SOME_TOLD = 0.5, 0.2
 # So much of its steps must have brought it there.
 _STRAIGHT = 0.5
+# And its picture must differ by so many levels of 256, within itself or from what it would be at rest.
+_LEAST_CONTRAST = 6.0
+# What goes further than so many times its size in the first frames is not sure to be one thing.
+_SURE_SIZES = 1.5
 # After so many frames a thing that never went its own size from where it began must have gone this share of its path.
 _PATIENCE = 25
 _NOWHERE = 0.6
@@ -54,13 +60,22 @@ def travelling(things: Followed) -> NDArray[np.bool_]:
     known = length(things.alongside)
     along = (things.carried * things.way).sum(axis=1) / np.maximum(far, 1e-9)
     expected = (things.alongside * things.way).sum(axis=1) / np.maximum(far, 1e-9)
-    told = things.flowing & (known >= 0.5 * far)
     agrees = along >= _BY_MOTION * np.maximum(expected, known)
-    near = (far >= np.maximum(_LEAST_PX, _LEAST_SHARE * extent)) & told & agrees
-    distant = (far >= np.maximum(_FAR_PX, _FAR_SHARE * extent)) & (things.age >= _FAR_AGE) & ~(told & ~agrees)
-    starts = near | distant
+    told = things.flowing & (known >= _TOLD * far)
+    # With pictures a thing that never moves as its own does is a change of light, or something plain.
+    pictured = things.patch[:, :, 0].any(axis=1)
+    some = things.flowing & (known >= _SOME_TOLD * far)
+    # What has gone far in a frame or two may be another thing beside it.
+    sure = (far <= _SURE_SIZES * extent) | (things.age >= _FAR_AGE)
+    near = (far >= np.maximum(_LEAST_PX, _LEAST_SHARE * extent)) & sure & told & agrees
+    distant = (far >= np.maximum(_FAR_PX, _FAR_SHARE * extent)) & (things.age >= _FAR_AGE)
+    starts = near | (distant & np.where(pictured, some & agrees, ~(told & ~agrees)))
+    # A change of light has no picture of its own.
+    starts &= ~pictured | (things.contrast >= _LEAST_CONTRAST)
     straight = far >= _STRAIGHT * things.steps
     young = things.age < _PATIENCE
     lasts = (things.reach >= extent) | np.where(young, straight, things.reach >= _NOWHERE * things.path)
-    out: NDArray[np.bool_] = (things.listed | starts) & lasts
+    things.proved |= near & (things.reach >= extent)
+    lasts &= ~(told & ~agrees & (far >= np.maximum(_FAR_PX, _FAR_SHARE * extent)))
+    out: NDArray[np.bool_] = (things.listed | starts) & (lasts | things.proved)
     return out
