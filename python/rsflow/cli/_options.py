@@ -65,6 +65,30 @@ def add_mask(parser: Arguments) -> None:
     )
 
 
+def add_lines(parser: Arguments) -> None:
+    """Add --line and --scale, of things that move."""
+    parser.add_argument(
+        "--line",
+        action="append",
+        type=line_of,
+        default=[],
+        metavar="X0,Y0,X1,Y1",
+        help="count the things that cross this line, in pixels of the first frame; may be given again",
+    )
+    parser.add_argument(
+        "--scale", type=float, metavar="M_PER_PX", help="metres on the ground for each pixel: speeds in m/s too"
+    )
+
+
+def line_of(text: str) -> tuple[float, float, float, float]:
+    """Read ``X0,Y0,X1,Y1``."""
+    try:
+        x0, y0, x1, y1 = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected four numbers X0,Y0,X1,Y1") from None
+    return x0, y0, x1, y1
+
+
 def mask_of(path: str | None, *, option: str = "--mask", size: tuple[int, int] | None = None) -> Any:
     """Read the mask that an option names, held to the width and height of the frames where they are known."""
     from rsflow.capture.masks import expect_size, read_mask

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rsflow.cli._options import (
     add_illumination,
+    add_lines,
     add_mask,
     add_max_displacement,
     add_overwrite,
@@ -45,6 +46,7 @@ examples:
   rsflow extract 'frames/*.png' -o out --rate 30
   rsflow extract clip.mp4 -o out --start 100 --stop 400 --roi 0,80,640,400
   rsflow extract clip.mp4 -o out --mask scene.png         black in scene.png: letters over the picture, own vehicle
+  rsflow extract street.mp4 -o out --line 320,470,320,10 --scale 0.02     who crosses it, and speeds in m/s
   rsflow extract clip.mp4 -o out --json | python -c 'import json, sys; print(json.load(sys.stdin)["frames"])'
 
 Ctrl-C stops after the frame at hand: what is finished is kept, named *.partial.*, with a report; the same command with
@@ -62,6 +64,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_roi(part)
     add_mask(part)
     add_rate(part)
+    add_lines(parser.add_argument_group("things that move"))
     how = parser.add_argument_group("how to measure")
     add_preset(how, default="fast")
     how.add_argument(
@@ -101,6 +104,8 @@ def options(args: argparse.Namespace) -> dict[str, Any]:
         "stride": args.stride,
         "roi": args.roi,
         "mask": args.mask,
+        "lines": args.line,
+        "scale_m_per_px": args.scale,
         "frame_rate": args.rate,
         "preset": args.preset,
         "camera_motion": args.camera_motion,

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rsflow.cli._options import (
+    add_lines,
     add_mask,
     add_max_displacement,
     add_overwrite,
@@ -68,31 +69,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_max_displacement(parser, default="half the frame, along each axis")
     parser.add_argument("--min-area", type=int, metavar="PX", help="leave out things of fewer pixels (1/10000)")
     add_mask(parser)
-    parser.add_argument(
-        "--line",
-        action="append",
-        type=line_of,
-        default=[],
-        metavar="X0,Y0,X1,Y1",
-        help="count the things that cross this line, in pixels of the first frame; may be given again",
-    )
-    parser.add_argument(
-        "--scale", type=float, metavar="M_PER_PX", help="metres on the ground for each pixel: speeds in m/s too"
-    )
+    add_lines(parser)
     parser.add_argument("--masks", action="store_true", help="also write masks/000001.png and so on")
     add_range(parser)
     add_rate(parser)
     add_overwrite(parser)
     parser.add_argument("--json", action="store_true", help="print a line of JSON for each frame")
-
-
-def line_of(text: str) -> tuple[float, float, float, float]:
-    """Read ``X0,Y0,X1,Y1``."""
-    try:
-        x0, y0, x1, y1 = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"got {text!r}, expected four numbers X0,Y0,X1,Y1") from None
-    return x0, y0, x1, y1
 
 
 def run(args: argparse.Namespace) -> int:
@@ -191,8 +173,7 @@ def _segmenter(args: argparse.Namespace, mask: NDArray[np.bool_] | None) -> Moti
 
 def _tell_lines(statistics: ObjectStatistics) -> None:
     for line in statistics.lines:
-        ends = ",".join(f"{end:g}" for end in line.ends)
-        print(f"{line.to_right} crossed {ends} to the right, {line.to_left} to the left.")
+        print(line.text())
 
 
 class _StaticVideo:

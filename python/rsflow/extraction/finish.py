@@ -16,6 +16,7 @@ import numpy as np
 from .._core import __version__, build_info, get_num_threads
 from ..io.atomic import writing
 from ..velocity.result import not_stated
+from .crossings import crossings
 from .file_names import NAMES, partial_name
 from .outputs import remove_partial
 from .probe import STILL_PX
@@ -103,7 +104,11 @@ def _summary(
         series["objects"], series["motion"]
     )
     figures["camera_motion_reason"] = pipeline.decision.reason
+    lines = crossings(series["objects"], outputs.settings)
+    figures["lines"] = [line.to_dict() for line in lines]
     said = answers(figures)
+    # What crossed stands beside what moved.
+    said[1:1] = [line.text() for line in lines]
     problems = []
     if not complete:
         problems.append(f"The run ended early: {ending.reason or trouble}. What is here was finished until then.")

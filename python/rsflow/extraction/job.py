@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +48,8 @@ def extract(
     stride: int = 1,
     roi: tuple[int, int, int, int] | None = None,
     mask: NDArray[np.bool_] | str | os.PathLike[str] | None = None,
+    lines: Sequence[Sequence[float]] = (),
+    scale_m_per_px: float | None = None,
     frame_rate: float | None = None,
     times: str | os.PathLike[str] | None = None,
     preset: Preset = "fast",
@@ -91,6 +93,10 @@ def extract(
         True where a pixel counts, in every frame; of a picture file, what is not black. It is of the whole picture:
         `roi` is allowed for. What is fixed to the sensor (letters over the picture, a part of the own vehicle) is left
         out of every figure, arrow and thing that moves; the shares in the tables are of the pixels that count.
+    lines : sequence of (x0, y0, x1, y1), optional
+        Count the things that cross these, in pixels of the whole first picture; see `rsflow.objects.CountingLine`.
+    scale_m_per_px : float, optional
+        Metres on the ground for each pixel, for the speeds of things; a camera and its height say it themselves.
     frame_rate : float, optional
         Frames per second, for pictures, which have no times, and for slow-motion clips.
     times : path, optional
@@ -163,6 +169,8 @@ def extract(
         stride=stride,
         roi=roi,
         mask=mask,
+        lines=lines,
+        scale_m_per_px=scale_m_per_px,
         frame_rate=frame_rate,
         times=times,
         preset=preset,

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .._display import fields
 from ..capture.masks import FixedMask, mask_of_frames
 from ..errors import OptionError
@@ -16,6 +18,8 @@ from .probe import CameraDecision, arrow_style, camera_motion
 from .settings import ExtractSettings
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from ..capture.stream import Frame, Frames
@@ -26,6 +30,8 @@ if TYPE_CHECKING:
     from ..shift import Shift
     from ..velocity import Velocity
     from .checkpoint import Saved
+
+    Scales = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 __all__ = ["Measured", "Pipeline"]
 
@@ -179,9 +185,16 @@ class Pipeline:
             segmentation=segmentation,
             velocity=velocity,
             motion=rows.motion_row(frame, dt_s, shift, flow, segmentation),
-            objects=rows.object_rows(frame, segmentation, None if self.ground is None else self.ground.scales),
+            objects=rows.object_rows(frame, segmentation, self._scales()),
             velocity_row=table_row,
         )
+
+    def _scales(self) -> Scales | None:
+        """Give what knows the metres of a pixel at places, if anything does."""
+        scale = self.settings.scale_m_per_px
+        if scale is not None:
+            return lambda places: np.full(len(places), scale)
+        return None if self.ground is None else self.ground.scales
 
     @property
     def notes(self) -> list[str]:

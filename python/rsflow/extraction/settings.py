@@ -16,6 +16,8 @@ from .._display import fields as display_fields
 from ..errors import OptionError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from ..camera.model import Camera
@@ -47,6 +49,8 @@ class ExtractSettings:
     stride: int = 1
     roi: tuple[int, int, int, int] | None = None
     mask: NDArray[np.bool_] | str | os.PathLike[str] | None = None
+    lines: Sequence[Sequence[float]] = ()
+    scale_m_per_px: float | None = None
     frame_rate: float | None = None
     times: str | os.PathLike[str] | None = None
     preset: Preset = "fast"
@@ -75,6 +79,9 @@ class ExtractSettings:
             _checks.path("mask", self.mask, "a bool array or a path")
         else:
             _checks.mask_or_none("mask", self.mask)
+        _expect_lines(self.lines)
+        if _checks.number_or_none("scale_m_per_px", self.scale_m_per_px, above=0, of="metres") and self.height_m:
+            raise OptionError("scale_m_per_px: got one, expected none with camera= and height_m=, which say it too")
         _checks.number_or_none("frame_rate", self.frame_rate, above=0, of="frames per second")
         if self.times is not None:
             _checks.path("times", self.times)
@@ -112,11 +119,21 @@ class ExtractSettings:
         return {name: _text(value) for name, value in self.flat().items()}
 
 
+def _expect_lines(lines: Any) -> None:
+    from ..segmentation.tracks.lines import CountingLine
+
+    for line in _checks.iterable("lines", lines, "lines x0, y0, x1, y1"):
+        ends = [*_checks.iterable("lines", line, "four numbers")]
+        if len(ends) != 4:
+            raise _checks.refused("lines", line, "lines of four numbers x0, y0, x1, y1, in pixels")
+        CountingLine(*ends)
+
+
 def _text(value: Any) -> str:
     if value is None:
         return "not given"
-    if isinstance(value, tuple):
-        return ", ".join(map(str, value))
+    if isinstance(value, (tuple, list)):
+        return ", ".join(map(str, value)) or "not given"
     if isinstance(value, (str, int, float, bool)):
         return str(value)
     if isinstance(value, Path):

@@ -267,6 +267,7 @@ def map_plot(
     *,
     title: str,
     picture: str | None = None,
+    dashed: Sequence[tuple[str, tuple[float, ...]]] = (),
 ) -> str:
     """Draw ways over a picture: from a ring to an arrow's tip, with the name beside it.
 
@@ -280,11 +281,10 @@ def map_plot(
         As for `time_plot`.
     picture : str, optional
         Its data URL; without one the ground is grey.
+    dashed : sequence of (name, (x0, y0, x1, y1)), optional
+        Straight lines.
 
-    Returns
-    -------
-    str
-        An ``<svg>`` element.
+    Returns an ``<svg>`` element.
     """
     width, height = size
     # Widths and letters are a share of the picture, as that is shown in the page's width.
@@ -310,6 +310,11 @@ def map_plot(
         )
         at_x, at_y = min(max(x[last], 8 * unit), width - 24 * unit), min(max(y[last], 14 * unit), height - 4 * unit)
         names.append(f'<text x="{at_x + 5 * unit:.1f}" y="{at_y - 5 * unit:.1f}" fill="{colour}">{escape(name)}</text>')
+    for name, (x0, y0, x1, y1) in dashed:
+        parts.append(
+            f'<path d="M{x0:.1f} {y0:.1f}L{x1:.1f} {y1:.1f}" stroke="#fff" stroke-dasharray="{7 * unit:.1f}"/>'
+        )
+        names.append(f'<text x="{(x0 + x1) / 2:.1f}" y="{(y0 + y1) / 2:.1f}" fill="#fff">{escape(name)}</text>')
     parts.append("</g>")
     parts.append(
         f'<g font-family="sans-serif" font-weight="600" font-size="{13 * unit:.1f}" stroke="#000" '

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,7 +34,7 @@ def thing_plots(outputs: Outputs, summary: Mapping[str, Any]) -> list[Plot]:
         return []
     still = bool(summary["camera_still"])
     unit, things = lasting(objects, ground=not still)
-    plots = [_ways(outputs, things, tuple(summary["size"]))] if things else []
+    plots = [_ways(outputs, things, tuple(summary["size"]), summary["lines"])] if things else []
     x, x_label = abscissa(motion)
     plots.append(
         Plot(
@@ -55,7 +55,7 @@ def thing_plots(outputs: Outputs, summary: Mapping[str, Any]) -> list[Plot]:
     return plots
 
 
-def _ways(outputs: Outputs, things: list[Thing], size: tuple[int, ...]) -> Plot:
+def _ways(outputs: Outputs, things: list[Thing], size: tuple[int, ...], lines: Sequence[Mapping[str, float]]) -> Plot:
     """Draw ways over the scene, in the picture of the first frame and what lies around it."""
     shown = things[:_MOST_WAYS]
     caption = (
@@ -77,7 +77,24 @@ def _ways(outputs: Outputs, things: list[Thing], size: tuple[int, ...]) -> Plot:
         for thing in shown
     ]
     picture = None if outputs.views is None else outputs.views.ground((left, top), around, scale)
-    return Plot("Where things went", map_plot(ways, around, title="ways of things", picture=_url(picture)), caption)
+    if lines:
+        caption += (
+            " Dashed: how many crossed a line to its right > < and to its left, from its first end to its second."
+        )
+    x0, y0 = (0, 0) if outputs.settings.roi is None else outputs.settings.roi[:2]
+    marks = [
+        (
+            f"{line['to_right']} > < {line['to_left']}",
+            tuple(
+                (line[f"{axis}{end}_px"] - start) * scale
+                for end in (0, 1)
+                for axis, start in zip("xy", (left + x0, top + y0), strict=True)
+            ),
+        )
+        for line in lines
+    ]
+    drawn = map_plot(ways, around, title="ways of things", picture=_url(picture), dashed=marks)
+    return Plot("Where things went", drawn, caption)
 
 
 def _range(places: np.ndarray, length: int, beyond: float) -> tuple[float, float]:

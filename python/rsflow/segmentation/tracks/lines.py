@@ -97,6 +97,21 @@ class CountingLine:
         while len(self._sides) > _MOST:
             del self._sides[next(iter(self._sides))]
 
+    def text(self) -> str:
+        """Say in a sentence how many crossed it.
+
+        Returns
+        -------
+        str
+
+        Examples
+        --------
+        >>> CountingLine(0, 5, 9, 5).text()
+        '0 crossed 0,5,9,5 to the right, 0 to the left.'
+        """
+        ends = ",".join(f"{end:g}" for end in self.ends)
+        return f"{self.to_right} crossed {ends} to the right, {self.to_left} to the left."
+
     def to_dict(self) -> dict[str, Any]:
         """Give ends and counts by name.
 
