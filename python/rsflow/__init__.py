@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from .capture import Frame, Frames, frames
     from .extraction import Extraction, ExtractionInterrupted, PartialExtractionError, extract
     from .flow import DenseFlow, FlowField, dense_flow
-    from .grid import Grid, GridStatus, displacement_grid
+    from .grid import Grid, GridSequence, GridStatus, displacement_grid
     from .io import read_flow, write_flow
     from .plotting import QuiverStyle, flow_to_color, quiver
     from .scale import (
@@ -70,6 +70,7 @@ _LAZY: dict[str, str] = {
     "Frame": ".capture",
     "Frames": ".capture",
     "Grid": ".grid",
+    "GridSequence": ".grid",
     "GridStatus": ".grid",
     "HeightFromSpeed": ".scale",
     "HeightStatus": ".scale",
@@ -146,6 +147,7 @@ __all__ = [
     "Frame",
     "Frames",
     "Grid",
+    "GridSequence",
     "GridStatus",
     "HeightFromSpeed",
     "HeightStatus",

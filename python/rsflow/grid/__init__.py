@@ -2,8 +2,23 @@
 
 from __future__ import annotations
 
+from .data import GridStatus
+from .filling import Replaced
 from .measure import displacement_grid
-from .result import Grid, GridStatus, Replaced
+from .result import Grid
+from .sampling import Extension, Samples
+from .sequence import GridSequence
+from .statistics import GridStatistics
 from .strain import Strain
 
-__all__ = ["Grid", "GridStatus", "Replaced", "Strain", "displacement_grid"]
+__all__ = [
+    "Extension",
+    "Grid",
+    "GridSequence",
+    "GridStatistics",
+    "GridStatus",
+    "Replaced",
+    "Samples",
+    "Strain",
+    "displacement_grid",
+]

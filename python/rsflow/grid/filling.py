@@ -2,14 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["filled"]
+from .._display import fields
+
+__all__ = ["Replaced", "filled"]
 
 # Rounds after which what is filled is left as it is, and the change, as a share of the span, below which it is at rest.
 _ROUNDS = 2000
 _AT_REST = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Replaced:
+    """Displacements of all nodes: measured where they are valid, else from the valid ones around them.
+
+    Attributes
+    ----------
+    u, v : ndarray of float32, shape (ny, nx)
+        Displacement in pixels; NaN if no node is valid.
+    replaced : ndarray of bool, shape (ny, nx)
+        Where it was not measured.
+
+    Examples
+    --------
+    >>> import rsflow
+    >>> scene = rsflow.synthetic.speckle_pair(lambda x, y: (0 * x + 1.0, 0 * y), size=(96, 96), seed=1)
+    >>> rsflow.displacement_grid(scene.prev, scene.next).replaced().replaced.any()
+    np.False_
+    """
+
+    u: NDArray[np.float32]
+    v: NDArray[np.float32]
+    replaced: NDArray[np.bool_]
+
+    __repr__ = fields
 
 
 def filled(values: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -134,6 +134,7 @@ def displacement_grid(
         window_size=options["window_size"],
         step=options["step"],
         shape=options["shape"],
+        size=(before.shape[1], before.shape[0]),
         scale_m_px=scale,
         dt_s=dt,
     )

@@ -29,8 +29,9 @@ _ROUNDS = 80
 # Deviations of a particle's picture beyond which it is dark, and steps in one of them of the table of erf.
 _REACH = 5.0
 _STEPS = 400
-# Particles beyond the frame that may come into it, in pixels beyond the longest displacement.
-_MARGIN = 8
+# Pixels beyond the frame from which particles may come into it are a multiple of this, so that all displacements up to
+# nearly as long have the same particles.
+_MARGIN = 64
 _SPECKLE_MEAN, _SPECKLE_CONTRAST = 125.0, 105.0
 _PARTICLE_DARK = 12.0
 
@@ -155,7 +156,8 @@ def particle_pair(
 ) -> DeformedPair:
     """Make two frames of particles in a sheet of light, which `displacement` carries.
 
-    Each is a Gaussian spot, integrated over the pixels, as bright as its place in the sheet is lit.
+    Each is a Gaussian spot, integrated over the pixels, as bright as its place in the sheet is lit. Displacements up to
+    56 pixels have the same particles, so that their newer frames make a sequence.
 
     Parameters
     ----------
@@ -194,7 +196,8 @@ def particle_pair(
     sensor, lighting, seed = _common(sensor, lighting, seed)
     rng = np.random.default_rng([seed, 15_485_863])
     x, y = np.meshgrid(np.linspace(0, width - 1, 32), np.linspace(0, height - 1, 32))
-    margin = _MARGIN + _REACH * spot + min(float(np.abs(_moved(move, x, y)).max()), 0.5 * max(size))
+    longest = min(float(np.abs(_moved(move, x, y)).max()), 0.5 * max(size))
+    margin = _REACH * spot + _MARGIN * math.ceil((longest + 8.0) / _MARGIN)
     low, high = np.array([-margin, -margin]), np.array([width + margin, height + margin])
     count = int(np.prod(high - low) * density)
     before = rng.uniform(low, high, (count, 2))
