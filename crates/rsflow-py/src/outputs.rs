@@ -15,7 +15,14 @@ pub(crate) fn gathered<T>(
     taken(what, values.len(), values)
 }
 
-fn taken<T>(what: &'static str, count: usize, values: impl Iterator<Item = T>) -> PyResult<Vec<T>> {
+/// Zeros, to be written over.
+pub(crate) fn zeroed<T: Default + Clone>(what: &'static str, count: usize) -> PyResult<Vec<T>> {
+    let mut memory = with_room(what, count)?;
+    memory.resize(count, T::default());
+    Ok(memory)
+}
+
+fn with_room<T>(what: &'static str, count: usize) -> PyResult<Vec<T>> {
     let mut memory = Vec::new();
     memory.try_reserve_exact(count).map_err(|_| {
         to_python(&Error::Memory {
@@ -23,6 +30,11 @@ fn taken<T>(what: &'static str, count: usize, values: impl Iterator<Item = T>) -
             bytes: count.saturating_mul(size_of::<T>()),
         })
     })?;
+    Ok(memory)
+}
+
+fn taken<T>(what: &'static str, count: usize, values: impl Iterator<Item = T>) -> PyResult<Vec<T>> {
+    let mut memory = with_room(what, count)?;
     memory.extend(values.take(count));
     Ok(memory)
 }

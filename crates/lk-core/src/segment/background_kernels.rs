@@ -48,37 +48,61 @@ impl Kernel for Distances<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let mut at = self.start;
-        for (picture, to) in self.picture.chunks(BLOCK).zip(self.to.chunks_mut(BLOCK)) {
-            let count = picture.len();
-            let mut value = [0i16; BLOCK];
-            for (to, from) in value.iter_mut().zip(picture) {
-                *to = sample_of(*from);
-            }
-            let (mut first, mut second) = ([i16::MAX; BLOCK], [i16::MAX; BLOCK]);
-            for k in 0..SAMPLES {
-                if k >= 4 && k % 2 == 0 {
-                    let most = second[..count]
-                        .iter()
-                        .fold(0, |most: i16, apart| most.max(*apart));
-                    if most <= self.enough {
-                        break;
-                    }
-                }
-                let samples = &self.samples[k * self.pixels + at..][..count];
-                for (((sample, value), first), second) in
-                    samples.iter().zip(&value).zip(&mut first).zip(&mut second)
-                {
-                    let apart = (sample.saturating_sub(*value)).saturating_abs();
-                    *second = (*second).min((*first).max(apart));
-                    *first = (*first).min(apart);
-                }
-            }
-            for (to, second) in to.iter_mut().zip(&second) {
-                *to = f32::from(*second) * (1.0 / UNITS);
-            }
-            at += count;
+        let plane = |k: usize| &self.samples[k * self.pixels + self.start..][..self.picture.len()];
+        let planes: [&[i16]; SAMPLES] = std::array::from_fn(plane);
+        let (whole, rest) = self.picture.as_chunks::<BLOCK>();
+        let (whole_to, rest_to) = self.to.as_chunks_mut::<BLOCK>();
+        for (block, (picture, to)) in whole.iter().zip(whole_to).enumerate() {
+            let at = block * BLOCK;
+            let samples = |k: usize| planes[k][at..].first_chunk::<BLOCK>();
+            nearest_two(picture, samples, self.enough, to);
         }
+        if rest.is_empty() {
+            return;
+        }
+        let (mut picture, mut to, mut padded) = ([0.0; BLOCK], [0.0; BLOCK], [[0; BLOCK]; SAMPLES]);
+        picture[..rest.len()].copy_from_slice(rest);
+        for (padded, plane) in padded.iter_mut().zip(planes) {
+            padded[..rest.len()].copy_from_slice(&plane[whole.len() * BLOCK..]);
+        }
+        nearest_two(&picture, |k| padded.get(k), self.enough, &mut to);
+        rest_to.copy_from_slice(&to[..rest.len()]);
+    }
+}
+
+/// How far the second nearest of the samples is from each pixel of a block.
+#[inline(always)]
+fn nearest_two<'a>(
+    picture: &[f32; BLOCK],
+    samples: impl Fn(usize) -> Option<&'a [i16; BLOCK]>,
+    enough: i16,
+    to: &mut [f32; BLOCK],
+) {
+    let mut value = [0i16; BLOCK];
+    for (to, from) in value.iter_mut().zip(picture) {
+        *to = sample_of(*from);
+    }
+    let (mut first, mut second) = ([i16::MAX; BLOCK], [i16::MAX; BLOCK]);
+    // Two at a time, so that what is nearest is seldom written.
+    for pair in 0..SAMPLES / 2 {
+        let (Some(a), Some(b)) = (samples(2 * pair), samples(2 * pair + 1)) else {
+            return;
+        };
+        let mut most = 0;
+        for x in 0..BLOCK {
+            let a = a[x].saturating_sub(value[x]).saturating_abs();
+            let b = b[x].saturating_sub(value[x]).saturating_abs();
+            let (low, high) = (a.min(b), a.max(b));
+            second[x] = second[x].min(first[x].max(low)).min(high);
+            first[x] = first[x].min(low);
+            most = second[x].max(most);
+        }
+        if most <= enough {
+            break;
+        }
+    }
+    for (to, second) in to.iter_mut().zip(&second) {
+        *to = f32::from(*second) * (1.0 / UNITS);
     }
 }
 

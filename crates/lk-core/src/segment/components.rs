@@ -224,6 +224,11 @@ impl Runs {
     /// Write each pixel's region, its number and one, and 0 where there is none.
     pub(crate) fn labels(&self, to: &mut [u32]) {
         to.fill(0);
+        self.paint_labels(to);
+    }
+
+    /// Write the region's number and one over the pixels of each.
+    pub(crate) fn paint_labels(&self, to: &mut [u32]) {
         for run in &self.runs {
             to[run.place(self.size.0)].fill(run.label + 1);
         }

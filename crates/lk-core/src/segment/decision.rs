@@ -10,7 +10,7 @@ use super::judge::{Asked, MEMORY};
 use super::morphology::{Element, Size, dilate, erode};
 use super::placed::covered;
 use super::runs::next;
-use super::segmenter::{GAP, Segmenter, Work};
+use super::segmenter::{GAP, Segmenter, State, Work};
 
 /// Frames in which a pixel showed the background and nothing moved, after which flow alone does not call it moving.
 const CONFIRMED: u8 = 8;
@@ -44,16 +44,15 @@ impl Segmenter {
         };
         changed(&of, &mut self.work.changed, execution)?;
         // What moved before anything was seen behind it hides what is not known.
-        let state = &mut self.state;
-        let flow = self.work.by_flow.iter().zip(&state.confirmed);
-        let places = state.background.known.iter_mut().zip(&mut state.heat);
-        let to = self.work.both.iter_mut().zip(&state.seen);
-        for ((both, seen), ((by_flow, confirmed), (known, heat))) in to.zip(flow.zip(places)) {
-            let hidden = by_flow & u8::from(*confirmed < CONFIRMED);
-            *known &= 1 - hidden;
-            *heat = if hidden == 1 { MEMORY } else { *heat };
-            *both = *known & seen;
-        }
+        let State {
+            background,
+            heat,
+            confirmed,
+            seen,
+            ..
+        } = &mut self.state;
+        let Work { by_flow, both, .. } = &mut self.work;
+        hide(by_flow, confirmed, seen, &mut background.known, heat, both);
         if self.has_depth() {
             // Depth moves the background itself: the flow alone tells, but for the last pixel of an edge.
             let (from, to) = (&self.work.by_flow, &mut self.work.mask);
@@ -102,19 +101,22 @@ impl Segmenter {
         let (regions, sums) = (self.work.runs.regions(), &self.work.sums);
         let stopped = |label: usize| sums[label] as f64 <= STOPPED * f64::from(regions[label].area);
         self.work.runs.draw(stopped, &mut self.work.spare);
-        let masks = self
-            .work
-            .difference
-            .differs
-            .iter()
-            .zip(&self.work.by_flow)
-            .zip(&self.work.spare);
-        let places = self.state.background.known.iter().zip(&self.state.seen);
-        for (to, (((differs, by_flow), stopped), (known, seen))) in
-            self.work.mask.iter_mut().zip(masks.zip(places))
-        {
-            *to = differs | ((by_flow | stopped) & (1 - known) & seen);
-        }
+        let Work {
+            difference,
+            by_flow,
+            spare,
+            mask,
+            ..
+        } = &mut self.work;
+        let known = &self.state.background.known;
+        join(
+            &difference.differs,
+            by_flow,
+            spare,
+            known,
+            &self.state.seen,
+            mask,
+        );
         Ok(())
     }
 
@@ -179,13 +181,7 @@ impl Segmenter {
     pub(super) fn learn(&mut self, size: Size, execution: &Execution) -> Result<()> {
         let state = &mut self.state;
         let work = &mut self.work;
-        for (to, (mask, gone)) in state
-            .foreground
-            .iter_mut()
-            .zip(work.mask.iter().zip(&work.judge.gone))
-        {
-            *to = mask & (1 - gone);
-        }
+        without(&work.mask, &work.judge.gone, &mut state.foreground);
         dilate(
             &state.foreground,
             size,
@@ -193,15 +189,14 @@ impl Segmenter {
             &mut work.away,
             execution,
         )?;
-        let masks = work.judge.gone.iter().zip(&work.both);
-        let masks = masks.zip(work.by_flow.iter().zip(&state.foreground));
-        let to = work.away.iter_mut().zip(&mut state.confirmed);
-        for ((away, confirmed), ((gone, both), (by_flow, foreground))) in to.zip(masks) {
-            *away |= by_flow & u8::from(*confirmed < CONFIRMED);
-            let shown = both & (1 - foreground) & (1 - by_flow);
-            let more = confirmed.saturating_add(shown);
-            *confirmed = if *gone == 1 { 0 } else { more };
-        }
+        confirm(
+            &work.judge.gone,
+            &work.both,
+            &work.by_flow,
+            &state.foreground,
+            &mut work.away,
+            &mut state.confirmed,
+        );
         let masks = [&state.seen[..], &work.away[..], &work.judge.gone[..]];
         state.background.learn(&work.raw, masks, execution)?;
         std::mem::swap(&mut state.picture, &mut work.raw);
@@ -227,5 +222,60 @@ impl Segmenter {
             *moving &= counts;
         }
         Ok(())
+    }
+}
+
+// What follows goes over whole masks: slices that are arguments are known to be apart.
+
+/// Forget what was known where flow says that something moves before anything was `confirmed`.
+fn hide(
+    by_flow: &[u8],
+    confirmed: &[u8],
+    seen: &[u8],
+    known: &mut [u8],
+    heat: &mut [u8],
+    both: &mut [u8],
+) {
+    let from = by_flow.iter().zip(confirmed).zip(seen);
+    let to = known.iter_mut().zip(heat).zip(both);
+    for (((known, heat), both), ((by_flow, confirmed), seen)) in to.zip(from) {
+        let hidden = by_flow & u8::from(*confirmed < CONFIRMED);
+        *known &= 1 - hidden;
+        *heat = if hidden == 1 { MEMORY } else { *heat };
+        *both = *known & seen;
+    }
+}
+
+/// What differs, and what moves by its flow or stopped where nothing is known.
+fn join(differs: &[u8], by_flow: &[u8], stopped: &[u8], known: &[u8], seen: &[u8], to: &mut [u8]) {
+    let places = known.iter().zip(seen);
+    let from = differs.iter().zip(by_flow).zip(stopped).zip(places);
+    for (to, (((differs, by_flow), stopped), (known, seen))) in to.iter_mut().zip(from) {
+        *to = differs | ((by_flow | stopped) & (1 - known) & seen);
+    }
+}
+
+fn without(mask: &[u8], gone: &[u8], to: &mut [u8]) {
+    for (to, (mask, gone)) in to.iter_mut().zip(mask.iter().zip(gone)) {
+        *to = mask & (1 - gone);
+    }
+}
+
+/// Count the frames that showed the background, and let nothing be learned where flow says that something moves before.
+fn confirm(
+    gone: &[u8],
+    both: &[u8],
+    by_flow: &[u8],
+    foreground: &[u8],
+    away: &mut [u8],
+    confirmed: &mut [u8],
+) {
+    let masks = gone.iter().zip(both).zip(by_flow.iter().zip(foreground));
+    let to = away.iter_mut().zip(confirmed);
+    for ((away, confirmed), ((gone, both), (by_flow, foreground))) in to.zip(masks) {
+        *away |= by_flow & u8::from(*confirmed < CONFIRMED);
+        let shown = both & (1 - foreground) & (1 - by_flow);
+        let more = confirmed.saturating_add(shown);
+        *confirmed = if *gone == 1 { 0 } else { more };
     }
 }

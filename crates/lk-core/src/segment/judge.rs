@@ -107,7 +107,8 @@ impl Judge {
             return Ok(());
         }
         self.whole.sum_bytes(of.changed, &mut self.changes)?;
-        self.whole.labels(&mut self.of_whole);
+        // Where no run is nothing is read.
+        self.whole.paint_labels(&mut self.of_whole);
         dilate(
             of.changed,
             size,
@@ -115,16 +116,25 @@ impl Judge {
             &mut self.near,
             execution,
         )?;
-        for (at, heat) in heat.iter_mut().enumerate().take(pixels) {
-            let label = self.of_whole[at] as usize;
-            let moves = label > 0 && self.lives(label - 1) && self.near[at] == 1;
-            self.quiet[at] = u8::from(label > 0 && !moves);
-            if moves {
-                *heat = MEMORY;
+        self.quiet.fill(0);
+        for run in self.whole.runs() {
+            let place = run.place(size.0);
+            let lives = self.lives(run.label as usize);
+            let quiet = &mut self.quiet[place.clone()];
+            if !lives {
+                quiet.fill(1);
+                continue;
+            }
+            let near = self.near[place.clone()].iter().zip(&mut heat[place]);
+            for (quiet, (near, heat)) in quiet.iter_mut().zip(near) {
+                *quiet = 1 - near;
+                *heat = if *near == 1 { MEMORY } else { *heat };
             }
         }
+        // Those of the frame before.
+        self.parts.paint(|_| true, 0, &mut self.of_part);
         self.parts.label(&self.quiet, size)?;
-        self.parts.labels(&mut self.of_part);
+        self.parts.paint_labels(&mut self.of_part);
         for (unknown, known) in self.spare.iter_mut().zip(of.known) {
             *unknown = 1 - known;
         }

@@ -34,6 +34,7 @@ pub(crate) mod morphology;
 mod moving_motion;
 pub(crate) mod parallax;
 mod placed;
+mod placed_kernels;
 pub(crate) mod reduction;
 pub(crate) mod regions;
 mod registration;

@@ -4,13 +4,15 @@ use std::ops::Range;
 
 use crate::error::Result;
 use crate::execution::Execution;
+use crate::memory::resize;
 use crate::parallel::{RowsMut, even_bands, for_each_band};
 use crate::scratch::with_scratch;
 use crate::simd::{SimdLevel, dispatch};
 
 use super::morphology::Size;
+use super::placed_kernels::{Covered, Nearest};
 use super::runs::next;
-use super::sampling::{Covered, Cubic, Nearest, Places};
+use super::sampling::{Cubic, Places};
 use super::transform::{Map, applied, inverse};
 
 /// A row of a picture seen at places of it, and whether it has each.
@@ -136,7 +138,8 @@ fn seen_of_mask(
     execution: &Execution,
 ) -> Result<()> {
     to.fill(0);
-    let Some([columns, rows]) = reached((from, size), map, to_size) else {
+    let spans = spans(from, size)?;
+    let Some([columns, rows]) = reached(&spans, map, to_size) else {
         return Ok(());
     };
     let level = execution.simd_level();
@@ -147,8 +150,15 @@ fn seen_of_mask(
     for_each_band(execution, rows.len(), bands, outputs, |band, mut part| {
         with_scratch(2 * width, |spare| {
             for (local, y) in band.enumerate() {
-                let places = places(map, rows.start + y, columns.clone(), spare, level);
-                let to = &mut part.row_mut(local)[columns.clone()];
+                let y = rows.start + y;
+                let [px, py] = places(map, y, columns.clone(), spare, level);
+                let ends = [columns.start, columns.end - 1];
+                let Some(part_of) = between(&spans, [px, py], ends.map(|x| depth(map, x, y)))
+                else {
+                    continue;
+                };
+                let places = [&px[part_of.clone()], &py[part_of.clone()]];
+                let to = &mut part.row_mut(local)[columns.clone()][part_of];
                 if by_half {
                     let kernel = Covered {
                         from,
@@ -172,13 +182,63 @@ fn seen_of_mask(
     })
 }
 
+/// First and last column of what is set in a row; the first is after the last where there is nothing.
+type Span = (u32, u32);
+const NOTHING: Span = (u32::MAX, 0);
+
+fn spans(mask: &[u8], (width, height): Size) -> Result<Vec<Span>> {
+    let mut spans = Vec::new();
+    resize("rows of a mask", &mut spans, height, NOTHING)?;
+    for (span, row) in spans.iter_mut().zip(mask.chunks_exact(width.max(1))) {
+        let first = next(row, 0, 1);
+        if first < width {
+            let last = row.iter().rposition(|set| *set == 1).unwrap_or(first);
+            *span = (first as u32, last as u32);
+        }
+    }
+    Ok(spans)
+}
+
+fn union(spans: &[Span]) -> Span {
+    spans
+        .iter()
+        .fold(NOTHING, |all, span| (all.0.min(span.0), all.1.max(span.1)))
+}
+
+/// What a map divides a place by.
+fn depth(map: &Map, x: usize, y: usize) -> f64 {
+    map[2][0] * x as f64 + map[2][1] * y as f64 + map[2][2]
+}
+
+/// Which of the places along a row can have something of a mask; `None` where none can. `depths` are those of its ends: without
+/// a horizon between them places go one way all along.
+fn between(spans: &[Span], [px, py]: [&[f32]; 2], depths: [f64; 2]) -> Option<Range<usize>> {
+    let last = px.len() - 1;
+    if depths.iter().any(|depth| depth.is_nan() || *depth <= 1e-6) {
+        return Some(0..px.len());
+    }
+    let (low, high) = (py[0].min(py[last]) - 2.0, py[0].max(py[last]) + 3.0);
+    // What is below 0 is 0.
+    let (top, bottom) = (low as usize, (high as usize).min(spans.len()));
+    let (first, end) = union(spans.get(top..bottom)?);
+    if first > end {
+        return None;
+    }
+    if px[0] > px[last] {
+        return Some(0..px.len());
+    }
+    let (first, end) = (first as f32 - 2.0, end as f32 + 2.0);
+    let start = px.partition_point(|x| *x < first);
+    let end = px.partition_point(|x| *x <= end);
+    (start < end).then_some(start..end)
+}
+
 /// Columns and rows of what is written that can have something of a mask; `None` where nothing has.
-fn reached(
-    (mask, size): (&[u8], Size),
-    map: &Map,
-    (columns, rows): Size,
-) -> Option<[Range<usize>; 2]> {
-    let (left, top, right, bottom) = extent(mask, size)?;
+fn reached(spans: &[Span], map: &Map, (columns, rows): Size) -> Option<[Range<usize>; 2]> {
+    let (left, right) = union(spans);
+    let top = spans.iter().position(|span| *span != NOTHING)?;
+    let bottom = spans.iter().rposition(|span| *span != NOTHING)?;
+    let [left, top, right, bottom] = [f64::from(left), top as f64, f64::from(right), bottom as f64];
     let all = [0..columns, 0..rows];
     let Some(back) = inverse(map) else {
         return Some(all);
@@ -208,21 +268,6 @@ fn reached(
         .iter()
         .all(|range| range.start < range.end)
         .then_some(ranges)
-}
-
-/// First column and row of what is set, and the last ones.
-fn extent(mask: &[u8], (width, _): Size) -> Option<(f64, f64, f64, f64)> {
-    let (mut left, mut right, mut top, mut bottom) = (width, 0, None, 0);
-    for (y, row) in mask.chunks_exact(width.max(1)).enumerate() {
-        let first = next(row, 0, 1);
-        if first < width {
-            let last = row.iter().rposition(|set| *set == 1).unwrap_or(first);
-            (left, right) = (left.min(first), right.max(last));
-            top.get_or_insert(y);
-            bottom = y;
-        }
-    }
-    Some((left as f64, top? as f64, right as f64, bottom as f64))
 }
 
 #[cfg(test)]

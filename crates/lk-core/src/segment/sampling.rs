@@ -96,9 +96,7 @@ impl Kernel for Cubic<'_> {
         let (py, rest_y) = py.as_chunks::<LANES>();
         for (to, (px, py)) in blocks.iter_mut().zip(px.iter().zip(py)) {
             if !cubic_lanes(s, self.from, self.size, [px, py], to) {
-                for (to, (px, py)) in to.iter_mut().zip(px.iter().zip(py)) {
-                    *to = cubic_at(self.from, self.size, *px, *py);
-                }
+                cubic_border(s, self.from, self.size, [px, py], to);
             }
         }
         for (to, (px, py)) in rest.iter_mut().zip(rest_x.iter().zip(rest_y)) {
@@ -145,7 +143,8 @@ fn cubic_lanes<S: Simd>(
         let start = (first_y as usize - 1) * width + first_x as usize - 1;
         for (k, wy) in wy.into_iter().enumerate() {
             let start = start + k * width;
-            let [a, b, c, d] = [0, 1, 2, 3].map(|l| s.load(from, start + l));
+            let (a, b) = (s.load(from, start), s.load(from, start + 1));
+            let (c, d) = (s.load(from, start + 2), s.load(from, start + 3));
             sum = sum + wy * ((wx[0] * a + wx[1] * b) + (wx[2] * c + wx[3] * d));
         }
     } else {
@@ -159,6 +158,66 @@ fn cubic_lanes<S: Simd>(
     }
     sum.put(to);
     true
+}
+
+/// Sixteen values, some of which may reach over the picture's border. As in [`cubic_at`] a value is the sum of four rows'
+/// sums where it is within the picture, and else one sum over all.
+#[inline(always)]
+fn cubic_border<S: Simd>(
+    s: S,
+    from: &[f32],
+    (width, height): Size,
+    [px, py]: [&[f32; LANES]; 2],
+    to: &mut [f32; LANES],
+) {
+    if from.len() < 2 {
+        for (to, (px, py)) in to.iter_mut().zip(px.iter().zip(py)) {
+            *to = cubic_at(from, (width, height), *px, *py);
+        }
+        return;
+    }
+    let (zero, one, two) = (s.splat(0.0), s.splat(1.0), s.splat(2.0));
+    let (last_x, last_y) = (s.splat((width - 1) as f32), s.splat((height - 1) as f32));
+    let (px, py) = (
+        s.get(px).max(zero).min(last_x),
+        s.get(py).max(zero).min(last_y),
+    );
+    let (left, top) = (px.trunc(), py.trunc());
+    let (wx, wy) = (weights(s, px - left), weights(s, py - top));
+    // No closures: what is not inlined has none of a level's instructions.
+    let (first, third, fourth) = (
+        (left - one).max(zero),
+        (left + one).min(last_x),
+        (left + two).min(last_x),
+    );
+    let mut row = top - one;
+    let (mut within, mut beyond) = (zero, zero);
+    for wy in wy {
+        let y = row.max(zero).min(last_y);
+        row = row + one;
+        let (a, b) = (
+            at(s, from, (width, height), first, y),
+            at(s, from, (width, height), left, y),
+        );
+        let (c, d) = (
+            at(s, from, (width, height), third, y),
+            at(s, from, (width, height), fourth, y),
+        );
+        within = within + wy * ((wx[0] * a + wx[1] * b) + (wx[2] * c + wx[3] * d));
+        beyond = beyond + wy * wx[0] * a + wy * wx[1] * b + wy * wx[2] * c + wy * wx[3] * d;
+    }
+    let low = S::F::both(one.le(left), one.le(top));
+    let high = S::F::both((left + two).lt(last_x + one), (top + two).lt(last_y + one));
+    S::F::select(S::F::both(low, high), within, beyond).put(to);
+}
+
+/// Single pixels.
+#[inline(always)]
+fn at<S: Simd>(s: S, from: &[f32], (width, height): Size, x: S::F, y: S::F) -> S::F {
+    let (value, next) = s.pairs(from, width, y, x);
+    // The last pixel is the second one of the last pair.
+    let (last_x, last_y) = (s.splat((width - 1) as f32), s.splat((height - 1) as f32));
+    S::F::select(S::F::both(last_x.le(x), last_y.le(y)), next, value)
 }
 
 /// [`cubic`] of sixteen fractions.
@@ -277,98 +336,6 @@ fn known_at(plane: &[f32], (width, height): Size, x: f32, y: f32) -> f32 {
         plane[(cy + 0.5) as usize * width + (cx + 0.5) as usize]
     } else {
         between
-    }
-}
-
-/// Pixels whose places are found at once.
-const BLOCK: usize = 64;
-
-/// A row of what a plane has at the nearest pixel of each place; `missing` beyond.
-pub(super) struct Nearest<'a, T> {
-    pub(super) from: &'a [T],
-    pub(super) size: Size,
-    pub(super) places: [&'a [f32]; 2],
-    pub(super) missing: T,
-    pub(super) to: &'a mut [T],
-}
-
-impl<T: Copy> Kernel for Nearest<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let [px, py] = self.places;
-        let (width, height) = (self.size.0 as f32, self.size.1 as f32);
-        let stride = self.size.0 as i32;
-        let places = px.chunks(BLOCK).zip(py.chunks(BLOCK));
-        for (to, (px, py)) in self.to.chunks_mut(BLOCK).zip(places) {
-            let mut index = [0i32; BLOCK];
-            let first = index_of([px[0], py[0]], [width, height], stride);
-            let mut in_a_row = first >= 0;
-            let steps = index.iter_mut().zip(px.iter().zip(py)).zip(0..);
-            for ((index, (px, py)), step) in steps {
-                *index = index_of([*px, *py], [width, height], stride);
-                in_a_row &= *index == first.wrapping_add(step);
-            }
-            if in_a_row {
-                to.copy_from_slice(&self.from[first as usize..][..to.len()]);
-                continue;
-            }
-            for (to, index) in to.iter_mut().zip(&index) {
-                *to = match usize::try_from(*index) {
-                    Ok(at) => self.from[at],
-                    Err(_) => self.missing,
-                };
-            }
-        }
-    }
-}
-
-/// The pixel at a place, -1 beyond the plane.
-#[inline(always)]
-fn index_of([px, py]: [f32; 2], [width, height]: [f32; 2], stride: i32) -> i32 {
-    let (px, py) = (px + 0.5, py + 0.5);
-    let within = (px >= 0.0) & (py >= 0.0) & (px < width) & (py < height);
-    let at = (py as i32).wrapping_mul(stride).wrapping_add(px as i32);
-    if within { at } else { -1 }
-}
-
-/// A row of where a mask covers at least half of what is around each place.
-pub(super) struct Covered<'a> {
-    pub(super) from: &'a [u8],
-    pub(super) size: Size,
-    pub(super) places: [&'a [f32]; 2],
-    pub(super) to: &'a mut [u8],
-}
-
-impl Kernel for Covered<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let (from, (width, height)) = (self.from, self.size);
-        let [px, py] = self.places;
-        for (to, (px, py)) in self.to.iter_mut().zip(px.iter().zip(py)) {
-            let within = *px > -1.0 && *py > -1.0 && *px < width as f32 && *py < height as f32;
-            if !within {
-                *to = 0;
-                continue;
-            }
-            let (left, top) = (px.max(0.0) as u32 as usize, py.max(0.0) as u32 as usize);
-            let (right, down) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
-            let (a, b) = (from[top * width + left], from[top * width + right]);
-            let (c, d) = (from[down * width + left], from[down * width + right]);
-            *to = match a + b + c + d {
-                0 => 0,
-                4 => 1,
-                _ => {
-                    let (fx, fy) = (px - left as f32, py - top as f32);
-                    let (a, b, c, d) = (f32::from(a), f32::from(b), f32::from(c), f32::from(d));
-                    let (upper, lower) = (a + fx * (b - a), c + fx * (d - c));
-                    u8::from(upper + fy * (lower - upper) >= 0.5)
-                }
-            };
-        }
     }
 }
 

@@ -153,11 +153,11 @@ impl Row<'_> {
                 let b = s.pairs(uv, stride, top, right + right);
                 let c = s.pairs(uv, stride, down, left + left);
                 let d = s.pairs(uv, stride, down, right + right);
-                let between = |a: S::F, b: S::F, c: S::F, d: S::F| {
-                    let (upper, lower) = (a + fx * (b - a), c + fx * (d - c));
-                    upper + fy * (lower - upper)
-                };
-                motion = [between(a.0, b.0, c.0, d.0), between(a.1, b.1, c.1, d.1)];
+                let share = [fx, fy];
+                motion = [
+                    between(share, [a.0, b.0], [c.0, d.0]),
+                    between(share, [a.1, b.1], [c.1, d.1]),
+                ];
             }
             for (axis, start) in [u, v].into_iter().enumerate() {
                 motion[axis] = S::F::select(goes, motion[axis], start);
@@ -250,6 +250,12 @@ impl Row<'_> {
             *to = [rx[lane] as f32, ry[lane] as f32];
         }
     }
+}
+
+#[inline(always)]
+fn between<F: Floats>([fx, fy]: [F; 2], [a, b]: [F; 2], [c, d]: [F; 2]) -> F {
+    let (upper, lower) = (a + fx * (b - a), c + fx * (d - c));
+    upper + fy * (lower - upper)
 }
 
 #[inline(always)]
