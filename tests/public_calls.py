@@ -631,6 +631,7 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     ),
     "rsflow.objects.CountingLine": lambda _: (objects.CountingLine, {"x0": 1.0, "y0": 2.0, "x1": 3.0, "y1": 4.0}),
     "rsflow.objects.CountingLine.to_dict": lambda _: (objects.CountingLine(0, 0, 1, 1).to_dict, {}),
+    "rsflow.objects.CountingLine.text": lambda _: (objects.CountingLine(0, 0, 1, 1).text, {}),
     "rsflow.objects.CountingLine.update": lambda _: (objects.CountingLine(0, 0, 1, 1).update, {"objects": [THING]}),
     "rsflow.objects.ObjectStatistics": lambda _: (objects.ObjectStatistics, {}),
     "rsflow.objects.ObjectStatistics.picture": lambda _: (objects.ObjectStatistics().picture, {"background": frame()}),

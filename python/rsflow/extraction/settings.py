@@ -120,13 +120,11 @@ class ExtractSettings:
 
 
 def _expect_lines(lines: Any) -> None:
-    from ..segmentation.tracks.lines import CountingLine
-
-    for line in _checks.iterable("lines", lines, "lines x0, y0, x1, y1"):
-        ends = [*_checks.iterable("lines", line, "four numbers")]
-        if len(ends) != 4:
-            raise _checks.refused("lines", line, "lines of four numbers x0, y0, x1, y1, in pixels")
-        CountingLine(*ends)
+    expected = "lines (x0, y0, x1, y1) in pixels, of two ends that are not the same"
+    for line in _checks.iterable("lines", lines, expected):
+        ends = [_checks.number("lines", end, of="pixels") for end in _checks.iterable("lines", line, expected)]
+        if len(ends) != 4 or ends[:2] == ends[2:]:
+            raise _checks.refused("lines", line, expected)
 
 
 def _text(value: Any) -> str:

@@ -209,7 +209,8 @@ class MotionSegmentation:
         Parameters
         ----------
         picture : ndarray, optional
-            The frame in colour, to draw on instead of `image`; what is filled in is grey.
+            The frame in colour, to draw on instead of `image`; what is filled in is grey. A
+            `rsflow.segmentation.scene.StaticScene` fills in colours, and what is seen later.
 
         Returns
         -------

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import _checks
+from .._display import options
 from . import regions
 from .patches import boxes_of, canvas, cut, hatched, parts_around
 from .scene_memory import SceneMemory, apart, light_table
@@ -74,6 +76,11 @@ class StaticScene:
     look_ahead : int
         For how many frames a picture waits for what is seen behind its things later, unless memory is short.
 
+    Raises
+    ------
+    OptionError
+        If `look_ahead` is below 0.
+
     Examples
     --------
     >>> import rsflow
@@ -86,7 +93,7 @@ class StaticScene:
     """
 
     def __init__(self, *, look_ahead: int = 0) -> None:
-        self._look_ahead = look_ahead
+        self._look_ahead = _checks.integer("look_ahead", look_ahead, least=0)
         self._waiting: deque[_Waiting] = deque()
         self._memory: SceneMemory | None = None
         self._to_canvas: F64 = np.eye(3)
@@ -96,8 +103,31 @@ class StaticScene:
         self._learned = self._since = self._taken = 0
         self._level = 0.0
 
+    def __repr__(self) -> str:
+        told = options(look_ahead=self._look_ahead)
+        return f"StaticScene({told}): {'no frame yet' if self._memory is None else f'{self._taken} frames'}"
+
     def add(self, seen: MotionSegmentation, picture: NDArray[Any] | None = None) -> list[U8]:
-        """Take the next frame, its picture in colour where there is one; give the pictures that are complete."""
+        """Take the next frame; give the pictures that are complete.
+
+        Parameters
+        ----------
+        seen : MotionSegmentation
+            Of `MotionSegmenter.update`.
+        picture : ndarray, optional
+            The frame in colour, to be kept instead of its grey levels.
+
+        Returns
+        -------
+        list of ndarray of uint8, (height, width, 3)
+            Blue, green, red: each frame without what moves, `look_ahead` frames after it was taken; the scene stands
+            in its place, or hatching where none is known.
+
+        Raises
+        ------
+        ShapeError
+            If the picture is not of the frame's size.
+        """
         shown, hidden, ready = self._take(seen, picture)
         if seen.mask is not None:
             hidden = hidden & seen.mask
@@ -138,13 +168,19 @@ class StaticScene:
         return max(_LEAST_RIM, round(_RIM_SHARE * min(self._size)))
 
     def finish(self) -> list[U8]:
-        """Give the pictures that still wait."""
+        """Give the pictures that still wait, as `add` does, with what is known."""
         ready = [self._completed(waiting) for waiting in self._waiting]
         self._waiting.clear()
         return ready
 
     def best(self) -> tuple[U8, Mask] | None:
-        """Give the scene of all frames at the pixels of the last one, and where it is known; None before a frame."""
+        """Give the scene of all frames, as the last one would show it.
+
+        Returns
+        -------
+        (ndarray of uint8, (height, width, 3), ndarray of bool, (height, width)) or None
+            The picture, and where it is known; None before the first frame.
+        """
         import cv2
 
         if self._memory is None:
