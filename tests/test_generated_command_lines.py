@@ -31,6 +31,7 @@ LINES: dict[str, str] = {
     "doctor": "",
     "extract": "nowhere.mp4 -o out",
     "flow": "picture.png picture.png",
+    "grid": "nowhere.mp4 -o out",
     "live": "nowhere.mp4",
     "reproduce": "--photographs nowhere",
     "segment": "nowhere.mp4 -o out",

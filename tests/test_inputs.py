@@ -265,6 +265,7 @@ OTHERS = {
         ["velocity", "{}", "-o", "out", *METRIC],
         {"velocity.csv", "velocity.svg", "velocity.png", "trajectory.csv"},
     ),
+    "grid": (["grid", "{}", "-o", "out"], {"grids.csv"} | {f"grid_{k:06d}.csv" for k in range(1, 12)}),
     "flow": (["flow", "{}", "-o", "out"], {f"flow_{k:06d}.flo" for k in range(1, 12)}),
 }
 

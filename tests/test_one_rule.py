@@ -15,6 +15,7 @@ from rsflow.cli import main
 
 COMMANDS = {
     "flow": ["-o", "out"],
+    "grid": ["-o", "out"],
     "segment": ["-o", "out"],
     "track": ["-o", "out", "--no-video"],
     "extract": ["-o", "out", "--no-videos", "-q"],

@@ -27,6 +27,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "doctor": ("rsflow.cli.doctor", "versions, processor, OpenCV wheels, extras, and a self-test with times"),
     "extract": ("rsflow.cli.extract", "the main job: tables, videos and a report page from one source"),
     "flow": ("rsflow.cli.flow", "where every pixel went, of two pictures or a whole sequence"),
+    "grid": ("rsflow.cli.grid", "displacement, strain and vorticity on a grid: fluids (PIV) and materials (DIC)"),
     "live": ("rsflow.cli.live", "displacement, and velocity with camera and height, from a running camera"),
     "reproduce": ("rsflow.cli.reproduce", "repeat the report's experiments, its tables beside what rsflow measures"),
     "segment": ("rsflow.cli.segment", "what moves and what stands still, with numbers for the things that move"),

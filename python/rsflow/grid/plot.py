@@ -15,11 +15,13 @@ from ..errors import DTypeError
 from ..io.atomic import writing
 from .data import GridData
 
-__all__ = ["Quantity", "plot_grid"]
+__all__ = ["QUANTITIES", "Quantity", "plot_grid"]
 
 Quantity = Literal[
     "speed", "u", "v", "std", "xx", "yy", "xy", "std_xx", "std_yy", "std_xy", "vorticity", "divergence", "correlation"
 ]
+
+QUANTITIES: tuple[str, ...] = get_args(Quantity)
 
 _LABELS = {
     "speed": "displacement (px)",

@@ -88,7 +88,7 @@ impl Fitting<'_> {
         }
         let tiles = pulls.len() as f64;
         let spent = (2 * terms + fitted.lights) as f64;
-        let scale = tiles / (tiles - 0.5 * spent).max(1.0);
+        let scale = tiles / (tiles - spent).max(1.0);
         Ok(spread(&sums, motions, scale))
     }
 

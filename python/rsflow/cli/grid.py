@@ -1,0 +1,250 @@
+"""``rsflow grid``: displacement, strain and vorticity of windows on a grid, of two pictures or a sequence."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import re
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rsflow.cli._options import (
+    add_illumination,
+    add_mask,
+    add_max_displacement,
+    add_overwrite,
+    add_range,
+    add_rate,
+    identity_of,
+    mask_of,
+    source_of,
+    tell_notes,
+)
+
+if TYPE_CHECKING:
+    from rsflow.grid import Grid, GridSequence
+
+DESCRIPTION = """\
+Measure displacement, its gradient and their covariance on a grid of windows: particles in a fluid, speckle on a
+material. Two pictures, or a sequence: each picture is compared with the one before (fluids), or with --reference first
+with the first one (materials), with a new reference where the correlation falls. Writes into the folder OUT:
+
+  grid_000001.csv   the grid of each pair, by the number of its newer picture: x, y, u, v, their deviations and
+                    covariance, gradient, light, status; its first line says where the axes point (--format parquet,
+                    txt, which OpenPIV reads, nc, vtu)
+  grid_000001.png   a map with arrows, with --plot (needs rsflow-motion[plot])
+  grids.csv         a row for each pair: how much of it was measured, medians of displacement, small strain, vorticity
+
+examples:
+  rsflow grid a.tif b.tif -o out
+  rsflow grid a.tif b.tif -o out --shape quadratic --robust --scale 0.05mm/px --dt 1ms --y-up --plot vorticity
+  rsflow grid 'load/*.tif' -o out --reference first --window 41 --step 10 --plot xx
+  rsflow grid piv.mp4 -o out --stride 2 --format txt --y-up
+"""
+
+_SCALE_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+_TIME_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_FORMATS = ("csv", "parquet", "txt", "nc", "vtu")
+_SUMMARY = (
+    *("frame", "t_s", "nodes", "measured", "u_px", "v_px", "std_px", "strain_xx", "strain_yy", "strain_xy"),
+    *("vorticity", "divergence", "correlation"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``rsflow grid``."""
+    from rsflow.grid.plot import QUANTITIES
+
+    parser.add_argument(
+        "source", metavar="SOURCE", nargs="+", help="two pictures; or a video, folder, glob, camera, URL"
+    )
+    parser.add_argument("-o", "--output", default=".", metavar="OUT", help="folder for the files (default: this one)")
+    parser.add_argument("--window", type=int, default=32, metavar="PX", help="side of the windows (default: 32)")
+    parser.add_argument("--step", type=int, default=16, metavar="PX", help="from one node to the next (default: 16)")
+    parser.add_argument(
+        "--shape",
+        choices=("translation", "affine", "quadratic"),
+        default="affine",
+        help="how the displacement may vary over a window (default: affine)",
+    )
+    parser.add_argument("--robust", action="store_true", help="pixels that do not follow the others lose their weight")
+    parser.add_argument(
+        "--reference",
+        choices=("previous", "first"),
+        default="previous",
+        help="what each picture of a sequence is compared with (default: previous)",
+    )
+    add_illumination(parser)
+    add_max_displacement(parser)
+    add_mask(parser)
+    parser.add_argument("--scale", type=_scale, metavar="0.05mm/px", help="length of a pixel: m, cm, mm, um or nm a px")
+    parser.add_argument("--dt", type=_time, metavar="1ms", help="time between two pictures: s, ms, us or ns")
+    parser.add_argument("--y-up", action="store_true", help="y and v run up in files, as in fluid mechanics; not down")
+    parser.add_argument("--format", choices=_FORMATS, default="csv", help="of the grids (default: csv)")
+    parser.add_argument(
+        "--plot", choices=QUANTITIES, metavar="WHAT", help=f"a map for each pair: {', '.join(QUANTITIES)}"
+    )
+    add_rate(parser)
+    add_range(parser)
+    add_overwrite(parser)
+    parser.add_argument("--json", action="store_true", help="print a summary as JSON")
+
+
+def _scale(text: str) -> float:
+    """Take a length a pixel in metres."""
+    return _quantity(text.removesuffix("/px"), _SCALE_M, "a length a pixel, as 0.05mm/px")
+
+
+def _time(text: str) -> float:
+    """Take a time in seconds."""
+    return _quantity(text, _TIME_S, "a time, as 1ms")
+
+
+def _quantity(text: str, units: dict[str, float], expected: str) -> float:
+    found = re.fullmatch(r"([0-9.]+(?:e[-+]?[0-9]+)?) ?([a-z]+)", text.replace("µ", "u"))
+    try:
+        value = float(found[1]) * units[found[2]] if found else math.nan
+    except (KeyError, ValueError):
+        value = math.nan
+    if not (value > 0 and math.isfinite(value)):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected {expected}")
+    return value
+
+
+def check(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
+    """Refuse more than two sources."""
+    if len(args.source) > 2:
+        parser.error(f"got {len(args.source)} sources, expected two pictures, or one sequence in quotes")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure each pair, write its grid, print a summary."""
+    import rsflow
+    from rsflow._results.folder import ResultFolder
+    from rsflow._results.inputs import Inputs
+    from rsflow.capture.masks import expect_size
+    from rsflow.capture.too_few import expect_range, too_few
+
+    folder = Path(args.output)
+    given: Any = source_of(args.source[0]) if len(args.source) == 1 else args.source
+    mask = mask_of(args.mask)
+    sequence = _sequence(args, mask)
+    table = folder / "grids.csv"
+    rows: list[dict[str, Any]] = []
+    written: list[Path] = []
+    frames, interrupted = 0, False
+    with ExitStack() as stack:
+        ranged = {"start": args.start, "stop": args.stop, "stride": args.stride, "frame_rate": args.rate}
+        source = stack.enter_context(rsflow.frames(given, **ranged))
+        stack.callback(tell_notes, "grid", source)
+        expect_range(source)
+        read = Inputs(None if isinstance(given, list) else given, files=(*args.source, args.mask))
+        read.refuse([table])
+        identity = identity_of(given, args, files=("mask",))
+        names = ("grids.csv", "grid_[0-9]*.*")
+        result = stack.enter_context(ResultFolder(folder, "grid", names, identity, overwrite=args.overwrite))
+        before: Any = None
+        try:
+            for frame in source:
+                if frames == 0 and mask is not None:
+                    expect_size(f"--mask {args.mask}", mask, frame.image.shape[::-1])
+                frames += 1
+                grid = sequence.update(frame.image)
+                if grid is not None:
+                    files = _files(args, folder, frame.index)
+                    read.refuse(files)
+                    result.record()
+                    _write(args, grid, files, before)
+                    written += files
+                    rows.append(_row(grid, frame.index, frame.t_s, y_up=args.y_up))
+                if before is None or args.reference == "previous":
+                    before = frame.image.copy()
+        except KeyboardInterrupt:
+            interrupted = True
+        if frames < 2 and not interrupted:
+            raise too_few(source, frames)
+        result.record()
+        _save_rows(table, rows)
+        result.finish([table, *written])
+    _tell(args, rows, table)
+    if interrupted:
+        print("rsflow grid: interrupted; what was measured until then is written", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _sequence(args: argparse.Namespace, mask: Any) -> GridSequence:
+    from rsflow.errors import OptionError
+    from rsflow.grid import GridSequence
+
+    if args.dt is not None and args.reference == "first":
+        raise OptionError("--dt: got one with --reference first, expected none: displacement is from the first picture")
+    return GridSequence(
+        reference=args.reference,
+        window_size=args.window,
+        step=args.step,
+        shape=args.shape,
+        robust=args.robust,
+        mask=mask,
+        illumination=args.illumination,
+        max_displacement=args.max_displacement,
+        scale_m_px=args.scale,
+        dt_s=args.dt,
+    )
+
+
+def _files(args: argparse.Namespace, folder: Path, index: int) -> list[Path]:
+    """Name the files of one pair: the grid, and its map."""
+    stem = f"grid_{index:06d}"
+    return [folder / f"{stem}.{args.format}", *([folder / f"{stem}.png"] if args.plot else [])]
+
+
+def _write(args: argparse.Namespace, grid: Grid, files: list[Path], before: Any) -> None:
+    grid.save(files[0], y_up=args.y_up)
+    if args.plot:
+        grid.plot(args.plot, picture=before, path=files[1])
+
+
+def _row(grid: Grid, frame: int, t_s: float, *, y_up: bool) -> dict[str, Any]:
+    """Sum up one pair in medians over what was measured."""
+    import numpy as np
+
+    sign = -1.0 if y_up else 1.0
+    strain = grid.strain()
+    valid = grid.valid
+
+    def middle(values: Any) -> float:
+        return float(np.median(values[valid])) if valid.any() else math.nan
+
+    values = (
+        *(frame, t_s, valid.size, int(valid.sum())),
+        *(middle(grid.u), sign * middle(grid.v), middle(np.hypot(grid.std[..., 0], grid.std[..., 1]))),
+        *(middle(strain.xx), middle(strain.yy), sign * middle(strain.xy)),
+        *(sign * middle(grid.vorticity), middle(grid.divergence), middle(grid.correlation)),
+    )
+    return dict(zip(_SUMMARY, values, strict=True))
+
+
+def _save_rows(path: Path, rows: list[dict[str, Any]]) -> None:
+    from rsflow.io.atomic import writing
+
+    with writing(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(_SUMMARY)
+        for row in rows:
+            writer.writerow(f"{value:.7g}" if isinstance(value, float) else value for value in row.values())
+
+
+def _tell(args: argparse.Namespace, rows: list[dict[str, Any]], table: Path) -> None:
+    """Print what was measured."""
+    nodes, measured = (sum(row[name] for row in rows) for name in ("nodes", "measured"))
+    summary = {"pairs": len(rows), "nodes": nodes, "measured": measured, "table": str(table)}
+    if args.json:
+        print(json.dumps(summary))
+        return
+    print(f"{len(rows)} pair{'' if len(rows) == 1 else 's'}, {measured} of {nodes} nodes measured")
+    print(table)

@@ -1,0 +1,87 @@
+"""`rsflow grid`: two pictures, a sequence, units, formats."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from rsflow import synthetic
+from rsflow.cli import main
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    for k in range(4):
+        scene = synthetic.speckle_pair(lambda x, y, k=k: (0.01 * k * x, 0.5 * k + 0 * y), size=(128, 96), seed=1)
+        cv2.imwrite(str(tmp_path / f"p{k}.png"), scene.next)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def rows(path):
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    return list(csv.DictReader(lines))
+
+
+def test_two_pictures_have_a_grid_in_units(here, capsys):
+    options = ["--scale", "0.05mm/px", "--dt", "2ms", "--y-up", "--plot", "speed"]
+    assert main(["grid", "p0.png", "p1.png", "-o", "out", *options]) == 0
+    assert "1 pair, 35 of 35 nodes measured" in capsys.readouterr().out
+    assert {path.name for path in (here / "out").iterdir()} == {
+        ".rsflow.json",
+        "grid_000001.csv",
+        "grid_000001.png",
+        "grids.csv",
+    }
+    found = rows(here / "out" / "grid_000001.csv")
+    u, v, speed = (np.array([float(row[name]) for row in found]) for name in ("u_px", "v_px", "vx_m_s"))
+    assert np.allclose(speed, u * 5e-5 / 2e-3, rtol=1e-5)
+    # Half a pixel down the picture.
+    assert abs(v + 0.5).max() < 0.02
+    (summary,) = rows(here / "out" / "grids.csv")
+    assert abs(float(summary["strain_xx"]) - 0.01) < 5e-4
+    assert float(summary["v_px"]) == pytest.approx(-0.5, abs=0.01)
+
+
+@pytest.mark.parametrize(("reference", "strains"), [("first", (0.01, 0.02, 0.03)), ("previous", (0.01, 0.01, 0.01))])
+def test_a_sequence_is_compared_with_its_reference(here, capsys, reference, strains):
+    assert main(["grid", "p*.png", "-o", "out", "--reference", reference, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["pairs"] == 3
+    found = [float(row["strain_xx"]) for row in rows(here / "out" / "grids.csv")]
+    assert np.allclose(found, strains, atol=6e-4)
+    # The same again is written over, something else is not.
+    assert main(["grid", "p*.png", "-o", "out", "--reference", reference]) == 0
+    assert main(["grid", "p*.png", "-o", "out", "--step", "20"]) == 1
+    assert "other settings" in capsys.readouterr().err
+
+
+def test_a_mask_leaves_nodes_out(here):
+    mask = np.full((96, 128), 255, np.uint8)
+    mask[:, 64:] = 0
+    cv2.imwrite("mask.png", mask)
+    assert main(["grid", "p0.png", "p1.png", "-o", "out", "--mask", "mask.png"]) == 0
+    lost = [row for row in rows(here / "out" / "grid_000001.csv") if float(row["x_px"]) > 85]
+    assert lost
+    assert all(row["status"] == "low_support" for row in lost)
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "message"),
+    [
+        (["p0.png"], 1, "two are needed"),
+        (["p0.png", "p1.png", "p2.png"], 2, "got 3 sources"),
+        (["p0.png", "p1.png", "--scale", "5"], 2, "got '5', expected a length a pixel"),
+        (["p0.png", "p1.png", "--dt", "-1ms"], 2, "expected"),
+        (["p0.png", "p1.png", "--window", "5"], 1, "window_size: got 5"),
+        (["p*.png", "--reference", "first", "--dt", "1ms"], 1, "--dt: got one"),
+        (["p0.png", "p1.png", "--plot", "depth"], 2, "invalid choice"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(here, capsys, line, code, message):
+    assert main(["grid", *line, "-o", "out"]) == code
+    assert message in capsys.readouterr().err
+    assert not (here / "out").exists()
