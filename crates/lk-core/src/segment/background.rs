@@ -18,7 +18,7 @@ use super::transform::Map;
 /// One pixel in so many takes a sample a frame, in each row one of so many side by side.
 const RATE: usize = 8;
 /// Frames after which all samples of a pixel are its own.
-const OLD: u8 = SAMPLES as u8;
+pub(super) const OLD: u8 = SAMPLES as u8;
 /// Medians are made anew after so many frames, of pixels that are not young.
 const REFRESH: usize = 4;
 

@@ -4,9 +4,12 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::memory::{replace, resize};
 
+use super::background::OLD;
 use super::change::{self, changed};
 use super::difference::Compared;
+use super::flutter::Going;
 use super::judge::{Asked, MEMORY};
+use super::masks::{confirm, hide, join, keep_away, learned, without};
 use super::morphology::{Element, Size, dilate, erode};
 use super::placed::covered;
 use super::runs::next;
@@ -43,20 +46,32 @@ impl Segmenter {
             moves: self.options.camera_moves,
         };
         changed(&of, &mut self.work.changed, execution)?;
+        self.find_flutter(size, execution)?;
         // What moved before anything was seen behind it hides what is not known.
         let State {
             background,
             heat,
             confirmed,
             seen,
+            flutter,
             ..
         } = &mut self.state;
-        let Work { by_flow, both, .. } = &mut self.work;
-        hide(by_flow, confirmed, seen, &mut background.known, heat, both);
+        let Work { hides, both, .. } = &mut self.work;
+        let known = &mut background.known;
+        hide(
+            (hides, CONFIRMED),
+            confirmed,
+            seen,
+            known,
+            (heat, MEMORY),
+            both,
+        );
+        learned(&flutter.mask, (&background.age, OLD), both);
         if self.has_depth() {
             // Depth moves the background itself: the flow alone tells, but for the last pixel of an edge.
             let (from, to) = (&self.work.by_flow, &mut self.work.mask);
             dilate(from, size, Element::Square(3), to, execution)?;
+            self.state.shaded.fill(0);
         } else {
             self.compare(execution)?;
         }
@@ -80,6 +95,29 @@ impl Segmenter {
         }
         self.learn(size, execution)?;
         self.show(execution)
+    }
+
+    /// See what goes to and fro; where that begins, what was known is young again.
+    fn find_flutter(&mut self, size: Size, execution: &Execution) -> Result<()> {
+        let (state, work) = (&mut self.state, &mut self.work);
+        resize("masks", &mut work.begins, size.0 * size.1, 0)?;
+        let masks = [&mut work.begins, &mut work.spare];
+        state.flutter.update(&work.going, size, masks, execution)?;
+        for (begins, (age, by_flow)) in work
+            .begins
+            .iter()
+            .zip(state.background.age.iter_mut().zip(&mut work.by_flow))
+        {
+            if *begins == 1 {
+                *age = (*age).min(1);
+                *by_flow = 0;
+            }
+        }
+        let hides = work.by_flow.iter().zip(&work.going);
+        let hides = hides.map(|(by_flow, going)| by_flow | u8::from(*going == Going::LEFT));
+        work.hides.clear();
+        replace("masks", &mut work.hides, hides)?;
+        Ok(())
     }
 
     pub(super) fn compare(&mut self, execution: &Execution) -> Result<()> {
@@ -117,6 +155,9 @@ impl Segmenter {
             &self.state.seen,
             mask,
         );
+        self.state
+            .shaded
+            .copy_from_slice(&self.work.difference.body);
         Ok(())
     }
 
@@ -160,7 +201,12 @@ impl Segmenter {
                 }
                 let (here, at) = (x, y * width + x);
                 x += 1;
-                if spare[at] == 1 || known[at] == 0 {
+                if spare[at] == 1 {
+                    continue;
+                }
+                if known[at] == 0 {
+                    // Windows of the flow reach over a thing's edge.
+                    mask[at] = 0;
                     continue;
                 }
                 let mut most = 0.0f32;
@@ -192,11 +238,13 @@ impl Segmenter {
         confirm(
             &work.judge.gone,
             &work.both,
-            &work.by_flow,
+            (&work.by_flow, &work.hides, CONFIRMED),
             &state.foreground,
             &mut work.away,
             &mut state.confirmed,
         );
+        let age = (&state.background.age[..], OLD);
+        keep_away(&state.flutter.mask, &state.shaded, age, &mut work.away);
         let masks = [&state.seen[..], &work.away[..], &work.judge.gone[..]];
         state.background.learn(&work.raw, masks, execution)?;
         std::mem::swap(&mut state.picture, &mut work.raw);
@@ -222,60 +270,5 @@ impl Segmenter {
             *moving &= counts;
         }
         Ok(())
-    }
-}
-
-// What follows goes over whole masks: slices that are arguments are known to be apart.
-
-/// Forget what was known where flow says that something moves before anything was `confirmed`.
-fn hide(
-    by_flow: &[u8],
-    confirmed: &[u8],
-    seen: &[u8],
-    known: &mut [u8],
-    heat: &mut [u8],
-    both: &mut [u8],
-) {
-    let from = by_flow.iter().zip(confirmed).zip(seen);
-    let to = known.iter_mut().zip(heat).zip(both);
-    for (((known, heat), both), ((by_flow, confirmed), seen)) in to.zip(from) {
-        let hidden = by_flow & u8::from(*confirmed < CONFIRMED);
-        *known &= 1 - hidden;
-        *heat = if hidden == 1 { MEMORY } else { *heat };
-        *both = *known & seen;
-    }
-}
-
-/// What differs, and what moves by its flow or stopped where nothing is known.
-fn join(differs: &[u8], by_flow: &[u8], stopped: &[u8], known: &[u8], seen: &[u8], to: &mut [u8]) {
-    let places = known.iter().zip(seen);
-    let from = differs.iter().zip(by_flow).zip(stopped).zip(places);
-    for (to, (((differs, by_flow), stopped), (known, seen))) in to.iter_mut().zip(from) {
-        *to = differs | ((by_flow | stopped) & (1 - known) & seen);
-    }
-}
-
-fn without(mask: &[u8], gone: &[u8], to: &mut [u8]) {
-    for (to, (mask, gone)) in to.iter_mut().zip(mask.iter().zip(gone)) {
-        *to = mask & (1 - gone);
-    }
-}
-
-/// Count the frames that showed the background, and let nothing be learned where flow says that something moves before.
-fn confirm(
-    gone: &[u8],
-    both: &[u8],
-    by_flow: &[u8],
-    foreground: &[u8],
-    away: &mut [u8],
-    confirmed: &mut [u8],
-) {
-    let masks = gone.iter().zip(both).zip(by_flow.iter().zip(foreground));
-    let to = away.iter_mut().zip(confirmed);
-    for ((away, confirmed), ((gone, both), (by_flow, foreground))) in to.zip(masks) {
-        *away |= by_flow & u8::from(*confirmed < CONFIRMED);
-        let shown = both & (1 - foreground) & (1 - by_flow);
-        let more = confirmed.saturating_add(shown);
-        *confirmed = if *gone == 1 { 0 } else { more };
     }
 }

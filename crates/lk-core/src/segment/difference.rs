@@ -12,28 +12,24 @@ use crate::simd::dispatch;
 use super::background::Background;
 use super::box_filter::{Border, Window, window_means};
 use super::components::Runs;
-use super::difference_kernels::{
-    Masks, Pixels, Ratio, Row, Shade, Thresholds, Unlike, least_apart,
-};
+use super::difference_kernels::{Masks, Pixels, Row, Thresholds, least_apart};
 use super::local_correlation::{centre, explained_by_light};
-use super::morphology::{Element, Morphology, Size, dilate};
+use super::morphology::{Morphology, Size};
 use super::regions::RegionWork;
 use super::runs::next;
 use super::slopes::rows_around;
 use super::vote::majority;
+
 /// So many rows around a row are enough for what windows say of it.
 const AROUND: usize = 8;
-const SHADE_NOISE: f32 = 1.1;
 /// What is nowhere else than in the shade, but for this share, is a thing; where a gain explains half it is light.
-const BODY: f64 = 0.15;
+const BODY: f64 = 0.3;
 const LIT: f64 = 0.5;
-/// The edge of a shadow is at most so wide, in pixels.
-const EDGE: usize = 5;
 const THREE: Window = Window {
     size: 3,
     border: Border::Replicate,
 };
-const FIVE: Window = Window {
+pub(super) const FIVE: Window = Window {
     size: 5,
     border: Border::Replicate,
 };
@@ -55,19 +51,20 @@ pub(crate) struct Compared<'a> {
 pub(crate) struct Difference {
     /// 1 where the picture differs.
     pub(crate) differs: Vec<u8>,
+    /// After an update 1 where it differs and light explains it.
+    pub(crate) body: Vec<u8>,
     apart: Vec<f32>,
     squares: Vec<f32>,
     three: Vec<f32>,
     strong: Vec<u8>,
     weak: Vec<u8>,
-    votes: [Vec<u8>; 2],
+    pub(super) votes: [Vec<u8>; 2],
     seeds: Vec<u8>,
     beside: Vec<u8>,
-    ratio: Vec<f32>,
-    shade: Vec<u8>,
-    lit: Vec<u8>,
-    body: Vec<u8>,
-    morphology: Morphology,
+    pub(super) ratio: Vec<f32>,
+    pub(super) shade: Vec<u8>,
+    pub(super) lit: Vec<u8>,
+    pub(super) morphology: Morphology,
     regions: RegionWork,
     runs: Runs,
     counts: [Vec<u64>; 2],
@@ -123,6 +120,7 @@ impl Difference {
             any |= *differs;
         }
         if any == 0 {
+            self.body.fill(0);
             return Ok(());
         }
         self.without_light(with, of, execution)
@@ -221,6 +219,7 @@ impl Difference {
         while let Some(next) = rows_with(&self.differs, size, rows.end) {
             rows = next;
             self.shades(with, of, rows.clone(), execution)?;
+            self.spread_shades(with, of, rows.clone(), execution)?;
             let place = rows.start * size.0..rows.end * size.0;
             let pictures = pictures.map(|plane| &plane[place.clone()]);
             let size = (size.0, rows.len());
@@ -231,9 +230,16 @@ impl Difference {
                 centres,
                 size,
                 noise,
-                &mut self.lit[place],
+                &mut self.lit[place.clone()],
                 execution,
             )?;
+            // Where the background's texture shows in a shade it is light.
+            for (lit, told) in self.lit[place.clone()]
+                .iter_mut()
+                .zip(&self.votes[1][place])
+            {
+                *lit |= told;
+            }
         }
         let masks = self.differs.iter().zip(&self.shade).zip(&self.lit);
         for (body, ((differs, shade), lit)) in self.strong.iter_mut().zip(masks) {
@@ -256,100 +262,10 @@ impl Difference {
         };
         self.runs.paint(whole, 1, &mut self.body);
         std::mem::swap(&mut self.differs, &mut self.body);
-        Ok(())
-    }
-
-    /// A shadow with a sharp edge leaves a line of it: take away what is thin beside a shade.
-    fn without_edges_of_shades(&mut self, size: Size, execution: &Execution) -> Result<()> {
-        let [thick, near] = &mut self.votes;
-        thick.copy_from_slice(&self.body);
-        self.morphology
-            .open(thick, size, Element::Square(EDGE), execution)?;
-        dilate(thick, size, Element::Square(EDGE + 2), near, execution)?;
-        for (shade, (differs, lit)) in self
-            .shade
-            .iter_mut()
-            .zip(self.differs.iter().zip(&self.lit))
-        {
-            *shade = differs & (*shade | lit);
-        }
-        dilate(
-            &self.shade,
-            size,
-            Element::Square(2 * EDGE + 1),
-            thick,
-            execution,
-        )?;
-        for (body, (near, shaded)) in self.body.iter_mut().zip(near.iter().zip(thick.iter())) {
-            *body &= near | (1 - shaded);
+        for (differed, differs) in self.body.iter_mut().zip(&self.differs) {
+            *differed &= 1 - differs;
         }
         Ok(())
-    }
-
-    /// Where, in some rows, a picture is darker than the background by a share that is alike all around.
-    fn shades(
-        &mut self,
-        with: &Background,
-        of: &Compared<'_>,
-        rows: Range<usize>,
-        execution: &Execution,
-    ) -> Result<()> {
-        let width = with.size.0;
-        let size = (width, rows.len());
-        let level = execution.simd_level();
-        let whole = rows.start * width..rows.end * width;
-        let (picture, median) = (&of.picture[whole.clone()], &with.median[whole.clone()]);
-        let place = |y: usize| y * width..(y + 1) * width;
-        let fill = |y: usize, [a, b]: [&mut [f32]; 2]| {
-            a.copy_from_slice(&picture[place(y)]);
-            b.copy_from_slice(&median[place(y)]);
-        };
-        let emit = |local: usize, _, [a, b]: [&[f32]; 2], to: &mut RowsMut<'_, f32>| {
-            dispatch(
-                level,
-                Ratio {
-                    a,
-                    b,
-                    to: to.row_mut(local),
-                },
-            );
-        };
-        window_means(
-            size,
-            FIVE,
-            RowsMut::new(&mut self.ratio[whole.clone()], width),
-            fill,
-            emit,
-            execution,
-        )?;
-        let ratio = &self.ratio[whole.clone()];
-        let fill = |y: usize, [ex, ey, square]: [&mut [f32]; 3]| {
-            let kernel = Unlike {
-                picture: rows_around(picture, size, y),
-                background: rows_around(median, size, y),
-                ratio: &ratio[place(y)],
-                to: [ex, ey, square],
-            };
-            dispatch(level, kernel);
-        };
-        let noise = SHADE_NOISE * of.noise * of.noise;
-        let emit = |local: usize, y: usize, means: [&[f32]; 3], to: &mut RowsMut<'_, u8>| {
-            let kernel = Shade {
-                means,
-                ratio: &ratio[place(y)],
-                noise,
-                to: to.row_mut(local),
-            };
-            dispatch(level, kernel);
-        };
-        window_means(
-            size,
-            FIVE,
-            RowsMut::new(&mut self.shade[whole], width),
-            fill,
-            emit,
-            execution,
-        )
     }
 }
 

@@ -19,8 +19,6 @@ const SURE: f32 = 2.6;
 const BESIDE: [f32; 2] = [2.3, 2.6];
 /// Frames after which the deviation of a pixel's samples is known.
 const TOLD: u8 = 8;
-/// A shadow leaves this share of the light; gradients in it are those of the background but for this many of the noise's.
-const SHADES: [f32; 2] = [0.3, 0.97];
 
 /// No weak difference is nearer than this to the background, in grey levels.
 pub(super) fn least_apart(noise: f32) -> f32 {
@@ -142,82 +140,6 @@ impl Kernel for Thresholds<'_> {
         {
             *seed = both & u8::from(*five > SURE) & u8::from(*three > BESIDE[1]);
             *beside = both & u8::from(*five > BESIDE[0]) & u8::from(*three > BESIDE[1]);
-        }
-    }
-}
-
-pub(super) struct Ratio<'a> {
-    pub(super) a: &'a [f32],
-    pub(super) b: &'a [f32],
-    pub(super) to: &'a mut [f32],
-}
-
-impl Kernel for Ratio<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        for ((to, a), b) in self.to.iter_mut().zip(self.a).zip(self.b) {
-            *to = a / if *b > 1.0 { *b } else { 1.0 };
-        }
-    }
-}
-
-pub(super) struct Unlike<'a> {
-    pub(super) picture: [&'a [f32]; 3],
-    pub(super) background: [&'a [f32]; 3],
-    pub(super) ratio: &'a [f32],
-    pub(super) to: [&'a mut [f32]; 3],
-}
-
-impl Kernel for Unlike<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let [ex, ey, square] = self.to;
-        // Down first: its memory is free afterwards.
-        gradient(self.picture, ex, ey);
-        let width = ex.len();
-        let [above, row, below] = self.background;
-        let (ex, ey, square) = (&mut ex[..width], &mut ey[..width], &mut square[..width]);
-        let (above, below, ratio) = (&above[..width], &below[..width], &self.ratio[..width]);
-        for x in 0..width {
-            ey[x] -= ratio[x] * 0.5 * (below[x] - above[x]);
-        }
-        if width > 1 {
-            ex[0] -= ratio[0] * 0.5 * (row[1] - row[0]);
-            ex[width - 1] -= ratio[width - 1] * 0.5 * (row[width - 1] - row[width - 2]);
-            let middle = ex[1..width - 1].iter_mut().zip(&ratio[1..]);
-            for ((ex, ratio), (left, right)) in middle.zip(row.iter().zip(&row[2..])) {
-                *ex -= ratio * 0.5 * (right - left);
-            }
-        }
-        for x in 0..width {
-            square[x] = ex[x] * ex[x] + ey[x] * ey[x];
-        }
-    }
-}
-
-pub(super) struct Shade<'a> {
-    pub(super) means: [&'a [f32]; 3],
-    pub(super) ratio: &'a [f32],
-    pub(super) noise: f32,
-    pub(super) to: &'a mut [u8],
-}
-
-impl Kernel for Shade<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) {
-        let [ex, ey, square] = self.means;
-        let means = ex.iter().zip(ey).zip(square);
-        for ((to, ratio), ((ex, ey), square)) in self.to.iter_mut().zip(self.ratio).zip(means) {
-            // A soft edge is a gradient that is alike all around.
-            let unlike = square - ex * ex - ey * ey;
-            let dark = u8::from(*ratio > SHADES[0]) & u8::from(*ratio < SHADES[1]);
-            *to = dark & u8::from(unlike < self.noise * (1.0 + ratio * ratio));
         }
     }
 }

@@ -13,6 +13,7 @@ use crate::simd::dispatch;
 use super::box_filter::{Border, Window, window_means};
 use super::components::Runs;
 use super::flow_kernels::{Frames, Relit, Scaled, Traced, Two, Verdict};
+use super::flutter::Going;
 use super::light::{Light, Pair};
 use super::morphology::Size;
 use super::regions::RegionWork;
@@ -44,6 +45,8 @@ pub(crate) struct FlowEvidence {
     pub(crate) residual: Vec<f32>,
     /// 1 where that is known.
     pub(crate) known: Vec<u8>,
+    /// How what moves goes where its motion explains the picture; and what it has just left.
+    pub(crate) going: Vec<Going>,
     /// Standard deviation of the difference of two pictures of the same; 0 before it is known.
     pub(crate) spread: f32,
     pub(super) stood: Vec<f32>,
@@ -51,6 +54,7 @@ pub(crate) struct FlowEvidence {
     pub(super) rest: Vec<f32>,
     pub(super) motion: Vec<f32>,
     pub(super) still: Vec<u8>,
+    pub(super) was: Vec<u8>,
     pub(super) tensor: [Vec<f32>; 3],
     pub(super) certain: Vec<u8>,
     pub(super) possible: Vec<u8>,
@@ -90,12 +94,15 @@ impl FlowEvidence {
             &mut self.moving,
             &mut self.known,
             &mut self.still,
+            &mut self.was,
             &mut self.certain,
             &mut self.possible,
             &mut self.seeds,
         ] {
             resize("masks", mask, pixels, 0)?;
         }
+        let nowhere = Going::default();
+        resize("directions", &mut self.going, pixels, nowhere)?;
         resize("a residual motion", &mut self.residual, 2 * pixels, 0.0)?;
         for plane in [
             &mut self.stood,
@@ -241,6 +248,7 @@ impl FlowEvidence {
         let any = self.seeds.contains(&1);
         if !any {
             self.moving.fill(0);
+            self.going.fill(Going::default());
             return Ok(());
         }
         self.tensors(frames, execution)?;
@@ -253,9 +261,19 @@ impl FlowEvidence {
                 self.seeds[k] = u8::from(chi2 > threshold && strong);
             }
         }
+        self.without_uncovered(frames, execution)?;
         let masks = [&self.certain[..], &self.possible[..], &self.seeds[..]];
         self.regions
             .grow_in_hulls(masks, frames.size, &mut self.moving)?;
+        // What is possible is written over.
+        let motions = self.residual.as_chunks::<2>().0;
+        for (k, (going, motion)) in self.going.iter_mut().zip(motions).enumerate() {
+            *going = match (self.was[k], self.moving[k] & self.possible[k]) {
+                (1, _) => Going::LEFT,
+                (_, 1) => Going::of(motion.map(|part| part * frames.scale)),
+                _ => Going::default(),
+            };
+        }
         self.keep_to_patches(frames.size)
     }
 }

@@ -35,6 +35,8 @@ pub(crate) struct Frames<'a> {
     pub(crate) parallax: Option<&'a Parallax>,
     /// Motion below this many pixels is not told from rest.
     pub(crate) least_px: f32,
+    /// Pixels of the full frame in one of these.
+    pub(crate) scale: f32,
     /// Standard deviation of rounding.
     pub(crate) rounding: f32,
     pub(crate) range: [f32; 2],

@@ -282,6 +282,7 @@ impl Segmenter {
             sigma_px: camera.sigma_px.max(LEAST_SIGMA_PX) / scale,
             parallax: parallax.as_ref(),
             least_px: (least.max(LEAST_SIGMAS * camera.sigma_px) / scale) as f32,
+            scale: scale as f32,
             rounding: self.options.rounding / scale as f32,
             range: [f32::NEG_INFINITY, f32::INFINITY],
         };

@@ -56,7 +56,7 @@ pub(crate) struct Judge {
     whole: Runs,
     parts: Runs,
     near: Vec<u8>,
-    quiet: Vec<u8>,
+    pub(super) quiet: Vec<u8>,
     rim: Vec<u8>,
     spare: Vec<u8>,
     of_whole: Vec<u32>,

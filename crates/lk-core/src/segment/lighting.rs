@@ -17,6 +17,8 @@ const LEAST_NOISE: f32 = 0.7;
 const QUIET: f32 = 1.2;
 /// Shares of a normal distribution without its sign, and how many deviations they reach.
 const NOISE_QUANTILES: [(f64, f32); 3] = [(0.5, 0.6745), (0.9, 1.645), (0.975, 2.241)];
+/// Of what stands still less than one part in so many is in the shade of things.
+const MOST_SHADED: usize = 5;
 /// Where the light is more grey levels than this from the background's in more than one of so many places, each so many
 /// pixels from the next, the background takes it over.
 const FAR: f32 = 3.0;
@@ -50,11 +52,23 @@ impl Segmenter {
             &mut self.work.away,
             execution,
         )?;
-        let known = self.state.background.known.iter().zip(&self.state.seen);
-        for (still, ((known, seen), away)) in
-            self.work.still.iter_mut().zip(known.zip(&self.work.away))
+        let places = self.state.background.known.iter().zip(&self.state.seen);
+        let mut sums = [0usize; 2];
+        for (still, (((known, seen), away), shaded)) in self
+            .work
+            .still
+            .iter_mut()
+            .zip(places.zip(&self.work.away).zip(&self.state.shaded))
         {
             *still = known & seen & (1 - away);
+            sums[0] += usize::from(*still);
+            sums[1] += usize::from(*still & shaded);
+        }
+        // The shade of a thing says nothing of the light; what seems shaded nearly everywhere is another light.
+        if sums[1] * MOST_SHADED < sums[0] {
+            for (still, shaded) in self.work.still.iter_mut().zip(&self.state.shaded) {
+                *still &= 1 - shaded;
+            }
         }
         let pair = Pair {
             reference: &self.state.background.median,

@@ -9,6 +9,7 @@ use super::align::{self};
 use super::background::moved;
 use super::camera::CameraMotion;
 use super::canvas::{Canvas, Moved};
+use super::flutter::Going;
 use super::placed::{self, nearest, nearest_mask};
 use super::segmenter::Segmenter;
 use super::transform::{IDENTITY, Map, inverse, product};
@@ -84,11 +85,13 @@ impl Segmenter {
         for mask in [
             &mut state.confirmed,
             &mut state.heat,
+            &mut state.shaded,
             &mut state.foreground,
             &mut state.seen,
         ] {
             moved(mask, size, map, 0, execution)?;
         }
+        state.flutter.moved(size, map, execution)?;
         moved(&mut state.picture, size, map, 0.0, execution)
     }
 
@@ -149,7 +152,9 @@ impl Segmenter {
             self.reduced_size(),
             self.factor() as f64,
         );
+        let nowhere = Going::default();
         resize("masks", &mut self.work.by_flow, size.0 * size.1, 0)?;
+        resize("directions", &mut self.work.going, size.0 * size.1, nowhere)?;
         let s = (1.0 / factor - 1.0) / 2.0;
         let down = [
             [1.0 / factor, 0.0, s],
@@ -163,8 +168,17 @@ impl Segmenter {
             (&mut self.work.by_flow, size),
             execution,
         )?;
-        for (by_flow, seen) in self.work.by_flow.iter_mut().zip(&self.state.seen) {
-            *by_flow &= seen;
+        nearest(
+            (&self.work.evidence.going, small),
+            &map,
+            (&mut self.work.going, size),
+            nowhere,
+            execution,
+        )?;
+        // What goes to and fro is no thing.
+        let places = self.state.seen.iter().zip(&self.state.flutter.mask);
+        for (by_flow, (seen, flutters)) in self.work.by_flow.iter_mut().zip(places) {
+            *by_flow &= seen & (1 - flutters);
         }
         Ok(())
     }

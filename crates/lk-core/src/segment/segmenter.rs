@@ -14,6 +14,7 @@ use super::canvas::Canvas;
 use super::components::Runs;
 use super::difference::Difference;
 use super::flow_evidence::{FlowEvidence, MOST_PIXELS};
+use super::flutter::{Flutter, Going};
 use super::judge::Judge;
 use super::light::Light;
 use super::morphology::{Morphology, Size};
@@ -96,6 +97,9 @@ pub(crate) struct State {
     /// Frames in which each pixel showed the background and nothing moved.
     pub(crate) confirmed: Vec<u8>,
     pub(crate) heat: Vec<u8>,
+    pub(crate) flutter: Flutter,
+    /// What differs from the background and is explained by the shade of something.
+    pub(crate) shaded: Vec<u8>,
     /// What moved on the canvas, and the picture of it in the background's light, where it was seen.
     pub(crate) foreground: Vec<u8>,
     pub(crate) picture: Vec<f32>,
@@ -126,6 +130,12 @@ pub(super) struct Work {
     pub(super) evidence: FlowEvidence,
     pub(super) raw: Vec<f32>,
     pub(super) by_flow: Vec<u8>,
+    /// How what moves goes on the canvas.
+    pub(super) going: Vec<Going>,
+    /// What moves by its flow, or has just left.
+    pub(super) hides: Vec<u8>,
+    /// What begins to go to and fro.
+    pub(super) begins: Vec<u8>,
     pub(super) away: Vec<u8>,
     pub(super) still: Vec<u8>,
     pub(super) both: Vec<u8>,
@@ -177,6 +187,8 @@ impl Segmenter {
                 background: Background::default(),
                 confirmed: Vec::new(),
                 heat: Vec::new(),
+                flutter: Flutter::default(),
+                shaded: Vec::new(),
                 foreground: Vec::new(),
                 picture: Vec::new(),
                 seen: Vec::new(),
@@ -231,12 +243,14 @@ impl Segmenter {
         for mask in [
             &mut state.confirmed,
             &mut state.heat,
+            &mut state.shaded,
             &mut state.foreground,
             &mut state.seen,
         ] {
             mask.clear();
             resize("masks", mask, pixels, 0)?;
         }
+        state.flutter.reset(pixels)?;
         state.picture.clear();
         resize("a picture", &mut state.picture, pixels, 0.0)?;
         state.light = [1.0, 0.0];

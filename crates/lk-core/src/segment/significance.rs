@@ -8,7 +8,7 @@ use crate::simd::dispatch;
 
 use super::box_filter::window_means;
 use super::flow_kernels::{Products, Three, Two};
-use super::morphology::Size;
+use super::morphology::{Element, Size, dilate};
 use super::slopes::rows_around;
 
 use super::flow_evidence::{FlowEvidence, SAMPLED, quantile};
@@ -18,6 +18,9 @@ use super::flow_kernels::{Frames, TENSORS};
 const FALSE_DISCOVERY: f64 = 1e-3;
 /// chi-squared of two degrees of freedom: below this nothing is called moving (p = 0.001), and up to this it is looked.
 const CHI2: [f32; 2] = [13.8, 120.0];
+/// A motion explains the picture up to this many mean squares; one that explains it no better than by this factor does not.
+const EXPLAINED: f32 = 4.0;
+const UNEXPLAINED: f32 = 0.5;
 /// Mean squared gradients below so many times what noise makes of them are no texture.
 const PLAIN: f32 = 3.0;
 /// This share of a patch without texture lies within what moves, or none of it moves.
@@ -51,6 +54,49 @@ impl FlowEvidence {
         self.patches.paint(within, 1, &mut self.possible);
         for (moving, keep) in self.moving.iter_mut().zip(&self.possible) {
             *moving &= keep;
+        }
+        Ok(())
+    }
+
+    /// Where a thing was in the frame before and its motion does not explain what is seen, it uncovered what is behind it.
+    pub(super) fn without_uncovered(
+        &mut self,
+        frames: &Frames<'_>,
+        execution: &Execution,
+    ) -> Result<()> {
+        let (width, height) = frames.size;
+        self.still.fill(0);
+        let mut any = false;
+        for y in 0..height {
+            for x in 0..width {
+                let at = y * width + x;
+                if self.seeds[at] == 0 || self.motion[at] > EXPLAINED {
+                    continue;
+                }
+                let [u, v] = [self.residual[2 * at], self.residual[2 * at + 1]];
+                let (px, py) = (x as f32 - u + 0.5, y as f32 - v + 0.5);
+                if px >= 0.0 && py >= 0.0 && px < width as f32 && py < height as f32 {
+                    self.still[py as usize * width + px as usize] = 1;
+                    any = true;
+                }
+            }
+        }
+        if !any {
+            self.was.fill(0);
+            return Ok(());
+        }
+        dilate(
+            &self.still,
+            frames.size,
+            Element::Square(3),
+            &mut self.was,
+            execution,
+        )?;
+        let differences = self.rest.iter().zip(&self.motion);
+        let masks = self.certain.iter_mut().zip(&mut self.was).zip(&self.seeds);
+        for (((certain, was), seed), (rest, motion)) in masks.zip(differences) {
+            *was &= *certain & (1 - seed) & u8::from(*motion > UNEXPLAINED * rest);
+            *certain &= 1 - *was;
         }
         Ok(())
     }

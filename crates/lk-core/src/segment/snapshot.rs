@@ -36,6 +36,7 @@ impl Segmenter {
             &background.age,
             &state.confirmed,
             &state.heat,
+            &state.shaded,
             &state.foreground,
             &state.seen,
             &state.moving,
@@ -60,7 +61,12 @@ impl Segmenter {
         ]);
         numbers.extend(parallax_numbers(state.parallax.as_ref()));
         SegmenterSnapshot {
-            bytes: bytes.into_iter().flatten().copied().collect(),
+            bytes: bytes
+                .into_iter()
+                .chain(state.flutter.planes())
+                .flatten()
+                .copied()
+                .collect(),
             samples: background.samples.clone(),
             floats: floats.into_iter().flatten().copied().collect(),
             numbers,
@@ -81,6 +87,7 @@ impl Segmenter {
         } else {
             state.prev.clear();
         }
+        let [way, since, path, turns, flutters] = state.flutter.planes_mut();
         let fits = split(
             &snapshot.bytes,
             [
@@ -88,9 +95,15 @@ impl Segmenter {
                 &mut background.age,
                 &mut state.confirmed,
                 &mut state.heat,
+                &mut state.shaded,
                 &mut state.foreground,
                 &mut state.seen,
                 &mut state.moving,
+                way,
+                since,
+                path,
+                turns,
+                flutters,
             ],
         ) && split(
             &snapshot.floats,

@@ -295,7 +295,7 @@ mod tests {
             let (counts, kept) = (mask(size, 0.95, seed ^ 4), vec![0; w * h]);
             let frames = Frames {
                 size, prev: &prev, current: &current, uv: &uv, given: &given, counts: &counts, kept: &kept,
-                camera: &camera, sigma_px: 0.1, parallax: None, least_px: 0.3, rounding: 0.3,
+                camera: &camera, sigma_px: 0.1, parallax: None, least_px: 0.3, scale: 1.0, rounding: 0.3,
                 range: [f32::NEG_INFINITY, f32::INFINITY],
             };
             let back = inverse(&camera).unwrap_or(IDENTITY);
