@@ -163,7 +163,8 @@ impl Segmenter {
 
     /// Close gaps, fill holes, take small regions away, and trim what a pixel's part of a thing's edge makes too wide.
     pub(super) fn clean(&mut self, size: Size, execution: &Execution) -> Result<()> {
-        let gap = if self.has_depth() { 2 * GAP - 1 } else { GAP };
+        let depth = self.has_depth();
+        let gap = if depth { 2 * GAP - 1 } else { GAP };
         let Work {
             mask,
             morphology,
@@ -206,7 +207,7 @@ impl Segmenter {
                 }
                 if known[at] == 0 {
                     // Windows of the flow reach over a thing's edge.
-                    mask[at] = 0;
+                    mask[at] = u8::from(depth);
                     continue;
                 }
                 let mut most = 0.0f32;
