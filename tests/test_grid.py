@@ -253,3 +253,41 @@ def test_made_scenes_are_what_they_say():
     assert np.corrcoef(lost.prev.ravel(), lost.next.ravel())[0, 1] < 0.2
     with pytest.raises(rsflow.ShapeError, match="displacement: got float, expected a function"):
         synthetic.speckle_pair(lambda x, y: 3.0, size=(64, 64))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    size=st.tuples(st.integers(0, 90), st.integers(0, 90)),
+    window=st.integers(8, 60),
+    step=st.integers(1, 40),
+    shape=st.sampled_from(["translation", "affine", "quadratic"]),
+    robust=st.booleans(),
+    kind=st.sampled_from(["uint8", "uint16", "float32", "huge", "holes"]),
+    illumination=st.sampled_from(["none", "offset", "gain_offset"]),
+)
+def test_any_frames_give_a_grid_that_is_whole(seed, size, window, step, shape, robust, kind, illumination):
+    rng = np.random.default_rng(seed)
+    frames = []
+    for _ in range(2):
+        frame = rng.integers(0, 256, size[::-1])
+        if kind in ("uint8", "uint16"):
+            frames.append((frame * (257 if kind == "uint16" else 1)).astype(kind))
+            continue
+        frame = frame.astype(np.float32) * np.float32(1e30 if kind == "huge" else 1.0)
+        if kind == "holes" and frame.size:
+            frame[rng.random(frame.shape) < 0.1] = rng.choice([np.nan, np.inf, -np.inf])
+        frames.append(frame)
+    if rng.random() < 0.5:
+        frames[1] = frames[0].copy()
+    keep = rng.random(size[::-1]) < 0.9 if rng.random() < 0.3 else None
+    options = {"window_size": window, "step": step, "shape": shape, "robust": robust, "illumination": illumination}
+    grid = rsflow.displacement_grid(*frames, mask=keep, initial=(0.5, -0.5) if seed % 2 else None, **options)
+    assert grid.u.shape == grid.status.shape == grid.x.shape
+    assert np.isfinite(grid.raw[grid.valid]).all()
+    variance = grid.joint_covariance[..., [0, 1], [0, 1]]
+    assert (np.isfinite(variance) == grid.valid[..., None]).all()
+    assert (variance >= 0).all()
+    if shape != "translation":
+        assert np.isfinite(grid.gradient[grid.valid]).all()
+    assert (grid.status <= 7).all()

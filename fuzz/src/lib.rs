@@ -8,6 +8,7 @@
 pub mod corners;
 pub mod dense;
 pub mod frames;
+pub mod grid;
 pub mod pyramid;
 pub mod shift;
 pub mod stream;

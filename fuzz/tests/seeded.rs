@@ -63,3 +63,8 @@ fn corners() {
 fn pyramid() {
     run(lk_core_fuzz::pyramid::check);
 }
+
+#[test]
+fn grid() {
+    run(lk_core_fuzz::grid::check);
+}

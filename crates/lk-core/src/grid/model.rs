@@ -1,7 +1,7 @@
 //! What a shape cannot follow: by how much the neighbours stray from where a node's shape leads, and what that does to it.
 //!
 //! A field that bends more than its shape pulls the least squares away from the centre. Where the field is a polynomial of
-//! one even degree more than the shape, that is a fixed share of what the shape misses one step away.
+//! one even degree more than the shape, that is a fixed share of what the shape misses some way off.
 //!
 //! `docs/algorithms.md`, section "Grid: displacement_grid".
 
@@ -49,8 +49,9 @@ impl Survey<'_> {
     fn missed(&self, node: usize, measured: &Measured) -> Miss {
         let half = self.fitting.pattern.half;
         let degree = self.fitting.degree;
-        // One step, in half windows.
-        let step = self.lattice.step as f64 / half;
+        // Neighbours about half a window away, and how far that is in half windows: nearer ones tell little from noise.
+        let away = ((half / self.lattice.step as f64).round() as isize).max(1);
+        let step = away as f64 * self.lattice.step as f64 / half;
         // The share of x^2, and of x^4, that the least squares over -1 to 1 finds at the centre.
         let share = if degree < 2 {
             1.0 / (3.0 * step.powi(2))
@@ -61,7 +62,7 @@ impl Survey<'_> {
         for along in 0..2 {
             let sides = [1isize, -1].map(|side| {
                 let mut place = [0, 0];
-                place[along] = side;
+                place[along] = side * away;
                 let beside = self.lattice.beside(node, place)?;
                 Some((side as f64 * step, self.nodes[beside].done()?))
             });

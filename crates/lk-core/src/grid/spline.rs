@@ -44,13 +44,11 @@ impl Taps {
     }
 
     /// Those that leave little of what is too fine for the samples, so that it does not pull towards whole pixels, and most
-    /// of the rest: `1 - sin^4(w / 2)` at frequency `w`, which is zero at the finest, and a Gaussian of half a pixel.
-    pub(super) fn smoothing() -> Self {
+    /// of the rest: `1 - sin^4(w / 2)` at frequency `w`, which is zero at the finest, and a Gaussian of `deviation` pixels.
+    pub(super) fn smoothing(deviation: f64) -> Self {
         const SHARP: [f64; 3] = [10.0 / 16.0, 4.0 / 16.0, -1.0 / 16.0];
-        const DEVIATION: f64 = 0.5;
-        const GAUSSIAN: usize = 2;
-        let gaussian = |at: isize| (-0.5 * (at as f64 / DEVIATION).powi(2)).exp();
-        let reach = GAUSSIAN as isize;
+        let gaussian = |at: isize| (-0.5 * (at as f64 / deviation).powi(2)).exp();
+        let reach = (3.5 * deviation).ceil() as isize;
         let sum: f64 = (-reach..=reach).map(gaussian).sum();
         let tap = |at: isize| -> f64 {
             let shares = (-reach..=reach).map(|k| {
@@ -59,7 +57,7 @@ impl Taps {
             });
             shares.sum()
         };
-        let last = (GAUSSIAN + SHARP.len() - 1) as isize;
+        let last = reach + SHARP.len() as isize - 1;
         Self {
             side: (0..=last).map(|at| tap(at) as f32).collect(),
             odd: false,
@@ -271,7 +269,7 @@ mod tests {
                 turned.row_mut(x)[y] = plane.row(y)[x];
             }
         }
-        for taps in [Taps::inverse(), Taps::derivative(), Taps::smoothing()] {
+        for taps in [Taps::inverse(), Taps::derivative(), Taps::smoothing(0.5)] {
             let (mut rows, mut columns) = (Plane::default(), Plane::default());
             along_rows(&turned, &taps, &mut rows, &execution).unwrap();
             along_columns(&plane, &taps, &mut columns, &execution).unwrap();
