@@ -10,7 +10,7 @@ use super::shape::{TERMS, monomials};
 use super::window::Window;
 use crate::error::Result;
 use crate::memory::resize;
-use crate::simd::dispatch;
+use crate::simd::{LANES, dispatch};
 
 /// What memory for tiles holds.
 const TILES: &str = "tiles";
@@ -86,7 +86,8 @@ impl Fitting<'_> {
                 }
             }
         }
-        let tiles = pulls.len() as f64;
+        // As many as the pixels that count would fill.
+        let tiles = window.counted / LANES as f64;
         let spent = (2 * terms + fitted.lights) as f64;
         let scale = tiles / (tiles - spent).max(1.0);
         Ok(spread(&sums, motions, scale))
