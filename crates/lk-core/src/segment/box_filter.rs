@@ -5,7 +5,9 @@
 
 use crate::error::{Error, Result};
 use crate::execution::Execution;
-use crate::parallel::{RowsMut, SplitRows, even_bands, for_each_band};
+#[cfg(test)]
+use crate::parallel::RowsMut;
+use crate::parallel::{SplitRows, even_bands, for_each_band};
 use crate::scratch::with_scratch;
 use crate::simd::{Floats, Kernel, LANES, Simd, SimdLevel, blocks, blocks_mut, dispatch};
 
@@ -14,33 +16,11 @@ use super::morphology::Size;
 /// Largest window.
 const MOST: usize = 63;
 
-/// What stands for pixels beyond the frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Border {
-    /// The nearest pixel of the frame.
-    Replicate,
-    /// Nothing: the mean is of what lies within the frame.
-    Inside,
-}
-
-/// A square window of an odd number of pixels a side, and the border of what it moves over.
+/// A square window of an odd number of pixels a side. Beyond the frame stands its nearest pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Window {
     /// Pixels a side.
     pub(crate) size: usize,
-    /// See [`Border`].
-    pub(crate) border: Border,
-}
-
-impl Window {
-    /// Rows that are added for row `y`.
-    fn rows(self, y: usize, height: usize) -> usize {
-        let reach = self.size / 2;
-        match self.border {
-            Border::Replicate => self.size,
-            Border::Inside => (y + reach + 1).min(height) - y.saturating_sub(reach),
-        }
-    }
 }
 
 /// Write the mean of `plane` over a window around each pixel.
@@ -48,6 +28,7 @@ impl Window {
 /// # Errors
 ///
 /// [`Error::Option`] for a window that is even, 0 or above 63; those of the execution; [`Error::Memory`].
+#[cfg(test)]
 pub(crate) fn box_mean(
     plane: &[f32],
     size: Size,
@@ -85,7 +66,7 @@ pub(crate) fn window_means<const N: usize, S: SplitRows>(
     emit: impl Fn(usize, usize, [&[f32]; N], &mut S) + Sync,
     execution: &Execution,
 ) -> Result<()> {
-    let Window { size, border } = window;
+    let Window { size } = window;
     if size % 2 == 0 || size > MOST {
         return Err(Error::option(
             "window",
@@ -114,15 +95,10 @@ pub(crate) fn window_means<const N: usize, S: SplitRows>(
             for y in band.start.saturating_sub(reach)..(band.start + reach).min(height) {
                 make(ring, y);
             }
-            let mut known = 0;
+            shares[..width].fill(((size * size) as f32).recip());
             for (local, y) in band.enumerate() {
                 if y + reach < height {
                     make(ring, y + reach);
-                }
-                let rows = window.rows(y, height);
-                if rows != known {
-                    known = rows;
-                    share(&mut shares[..width], rows, reach, border);
                 }
                 for channel in 0..N {
                     let ring = &ring[channel * size * memory.stride..][..size * memory.stride];
@@ -130,7 +106,6 @@ pub(crate) fn window_means<const N: usize, S: SplitRows>(
                     Mean {
                         ring,
                         memory,
-                        border,
                         y,
                         height,
                         shares,
@@ -143,18 +118,6 @@ pub(crate) fn window_means<const N: usize, S: SplitRows>(
             }
         })
     })
-}
-
-/// What a sum over so many rows is multiplied by, at each column.
-fn share(shares: &mut [f32], rows: usize, reach: usize, border: Border) {
-    let width = shares.len();
-    for (x, share) in shares.iter_mut().enumerate() {
-        let columns = match border {
-            Border::Replicate => 2 * reach + 1,
-            Border::Inside => (x + reach + 1).min(width) - x.saturating_sub(reach),
-        };
-        *share = ((rows * columns) as f32).recip();
-    }
 }
 
 /// The rows that a band works on.
@@ -204,7 +167,6 @@ impl Layout {
 struct Mean<'a> {
     ring: &'a [f32],
     memory: Layout,
-    border: Border,
     y: usize,
     height: usize,
     shares: &'a [f32],
@@ -219,7 +181,6 @@ impl Mean<'_> {
         let Self {
             ring,
             memory,
-            border,
             y,
             height,
             shares,
@@ -231,16 +192,12 @@ impl Mean<'_> {
             Down {
                 ring,
                 memory,
-                border,
                 y,
                 height,
                 to: down,
             },
         );
-        let [first, last] = match border {
-            Border::Replicate => [down[reach], down[end - 1]],
-            Border::Inside => [0.0; 2],
-        };
+        let [first, last] = [down[reach], down[end - 1]];
         down[..reach].fill(first);
         down[end..end + reach].fill(last);
         dispatch(
@@ -259,7 +216,6 @@ impl Mean<'_> {
 struct Down<'a> {
     ring: &'a [f32],
     memory: Layout,
-    border: Border,
     y: usize,
     height: usize,
     to: &'a mut [f32],
@@ -273,17 +229,11 @@ impl Kernel for Down<'_> {
         let Layout { stride, size, .. } = self.memory;
         let (count, reach) = (stride / LANES, size / 2);
         let mut rows: [&[[f32; LANES]]; MOST] = [&[]; MOST];
-        let mut used = 0;
-        for step in 0..size {
-            let y = self.y + step;
-            let inside = y >= reach && y - reach < self.height;
-            if inside || self.border == Border::Replicate {
-                let y = y.saturating_sub(reach).min(self.height - 1);
-                rows[used] = blocks(self.ring, y % size * stride, count);
-                used += 1;
-            }
+        for (step, row) in rows[..size].iter_mut().enumerate() {
+            let y = (self.y + step).saturating_sub(reach).min(self.height - 1);
+            *row = blocks(self.ring, y % size * stride, count);
         }
-        add(s, &rows[..used], None, blocks_mut(self.to, reach, count));
+        add(s, &rows[..size], None, blocks_mut(self.to, reach, count));
     }
 }
 

@@ -6,7 +6,7 @@ use crate::memory::resize;
 use crate::parallel::RowsMut;
 use crate::simd::{Kernel, Simd, dispatch};
 
-use super::box_filter::{Border, Window, window_means};
+use super::box_filter::{Window, window_means};
 use super::morphology::Size;
 use super::slopes::{gradient, rows_around};
 
@@ -15,10 +15,7 @@ const CHANGED: f32 = 2.6;
 const MOST: f32 = 8.0;
 /// The variance that misregistration brings, in squared pixels of the gradient: of a camera at rest, of one that moves.
 const REGISTRATION_PX2: [f32; 2] = [0.019, 0.0625];
-const FIVE: Window = Window {
-    size: 5,
-    border: Border::Replicate,
-};
+const FIVE: Window = Window { size: 5 };
 
 /// Two pictures of the canvas in one light, and where both are seen.
 pub(crate) struct Pictures<'a> {

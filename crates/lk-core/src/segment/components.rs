@@ -134,17 +134,13 @@ impl Runs {
         Ok(())
     }
 
-    /// Columns and rows of the mask.
-    pub(crate) fn size(&self) -> Size {
-        self.size
-    }
-
     /// All runs, from left to right in each row, from the top down.
     pub(crate) fn runs(&self) -> &[Run] {
         &self.runs
     }
 
     /// Those of row `y`.
+    #[cfg(test)]
     pub(crate) fn row(&self, y: usize) -> &[Run] {
         &self.runs[self.rows[y] as usize..self.rows[y + 1] as usize]
     }
@@ -152,20 +148,6 @@ impl Runs {
     /// The regions, in the order of their first pixels.
     pub(crate) fn regions(&self) -> &[Region] {
         &self.regions
-    }
-
-    /// Sum a plane over each region, without what is not finite.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Memory`](crate::Error::Memory).
-    pub(crate) fn sum(&self, plane: &[f32], sums: &mut Vec<f64>) -> Result<()> {
-        sums.clear();
-        resize("sums of regions", sums, self.regions.len(), 0.0)?;
-        for run in &self.runs {
-            sums[run.label as usize] += sum_of(&plane[run.place(self.size.0)]);
-        }
-        Ok(())
     }
 
     /// Sum a plane of bytes, or count the pixels of a mask, over each region.
@@ -179,29 +161,6 @@ impl Runs {
         for run in &self.runs {
             let pixels = &plane[run.place(self.size.0)];
             sums[run.label as usize] += pixels.iter().map(|byte| u64::from(*byte)).sum::<u64>();
-        }
-        Ok(())
-    }
-
-    /// The largest of a plane in each region; minus infinity where no pixel is a number.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Memory`](crate::Error::Memory).
-    pub(crate) fn largest(&self, plane: &[f32], most: &mut Vec<f32>) -> Result<()> {
-        most.clear();
-        resize(
-            "largest of regions",
-            most,
-            self.regions.len(),
-            f32::NEG_INFINITY,
-        )?;
-        for run in &self.runs {
-            let most = &mut most[run.label as usize];
-            *most = plane[run.place(self.size.0)]
-                .iter()
-                .copied()
-                .fold(*most, f32::max);
         }
         Ok(())
     }
@@ -222,6 +181,7 @@ impl Runs {
     }
 
     /// Write each pixel's region, its number and one, and 0 where there is none.
+    #[cfg(test)]
     pub(crate) fn labels(&self, to: &mut [u32]) {
         to.fill(0);
         self.paint_labels(to);
@@ -290,23 +250,6 @@ fn root(parents: &mut [u32], mut at: u32) -> u32 {
 fn join(parents: &mut [u32], a: u32, b: u32) {
     let (a, b) = (root(parents, a), root(parents, b));
     parents[a.max(b) as usize] = a.min(b);
-}
-
-/// A sum in an order of its own, whatever the instructions.
-fn sum_of(values: &[f32]) -> f64 {
-    let (blocks, rest) = values.as_chunks::<8>();
-    let mut lanes = [0.0f64; 8];
-    for block in blocks {
-        for (lane, value) in lanes.iter_mut().zip(block) {
-            *lane += if value.is_finite() {
-                f64::from(*value)
-            } else {
-                0.0
-            };
-        }
-    }
-    let rest = rest.iter().filter(|value| value.is_finite());
-    lanes.iter().sum::<f64>() + rest.map(|value| f64::from(*value)).sum::<f64>()
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use crate::parallel::{RowsMut, even_bands, for_each_band};
 use crate::simd::dispatch;
 
 use super::background::Background;
-use super::box_filter::{Border, Window, window_means};
+use super::box_filter::{Window, window_means};
 use super::components::Runs;
 use super::difference_kernels::{Masks, Pixels, Row, Thresholds, least_apart};
 use super::local_correlation::{centre, explained_by_light};
@@ -25,14 +25,8 @@ const AROUND: usize = 8;
 /// What is nowhere else than in the shade, but for this share, is a thing; where a gain explains half it is light.
 const BODY: f64 = 0.3;
 const LIT: f64 = 0.5;
-const THREE: Window = Window {
-    size: 3,
-    border: Border::Replicate,
-};
-pub(super) const FIVE: Window = Window {
-    size: 5,
-    border: Border::Replicate,
-};
+const THREE: Window = Window { size: 3 };
+pub(super) const FIVE: Window = Window { size: 5 };
 
 /// What is compared.
 pub(crate) struct Compared<'a> {

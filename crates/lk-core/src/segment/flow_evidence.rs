@@ -10,7 +10,7 @@ use crate::memory::{reserve, resize};
 use crate::parallel::{RowsMut, even_bands, for_each_band};
 use crate::simd::dispatch;
 
-use super::box_filter::{Border, Window, window_means};
+use super::box_filter::{Window, window_means};
 use super::components::Runs;
 use super::flow_kernels::{Frames, Relit, Scaled, Traced, Two, Verdict};
 use super::flutter::Going;
@@ -31,10 +31,7 @@ const SURE: f32 = 3.0;
 pub(super) const SAMPLED: usize = 4;
 /// The noise of a camera rises at most by this factor from frame to frame.
 const SPREAD_RISE: f32 = 1.1;
-const DIFFERENCES: Window = Window {
-    size: 5,
-    border: Border::Replicate,
-};
+const DIFFERENCES: Window = Window { size: 5 };
 
 /// The evidence, with memory that is kept.
 #[derive(Debug, Default)]

@@ -1,6 +1,6 @@
 //! Rows of what a flow says, and where a pixel came from.
 
-use super::box_filter::{Border, Window};
+use super::box_filter::Window;
 use super::morphology::Size;
 use super::parallax::Parallax;
 use super::slopes::gradient;
@@ -11,10 +11,7 @@ use crate::simd::{Kernel, Simd};
 /// A residual shorter than this, in pixels, needs no search for where it came from.
 pub(super) const NEAR_PX: f32 = 0.05;
 
-pub(super) const TENSORS: Window = Window {
-    size: 7,
-    border: Border::Replicate,
-};
+pub(super) const TENSORS: Window = Window { size: 7 };
 
 /// Two frames and the flow between them, all of one size.
 pub(crate) struct Frames<'a> {

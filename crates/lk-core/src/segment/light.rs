@@ -14,6 +14,7 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::simd::{Floats, Kernel, LANES, Simd, SimdLevel, dispatch};
 
+#[cfg(test)]
 use super::morphology::Size;
 use cells::Cells;
 pub(crate) use frame_light::FrameLight;
@@ -82,6 +83,7 @@ impl Light {
     /// How far the means of blocks of 4 x 4 pixels are from the reference in this light, without their sign, in grey
     /// levels, and their columns and rows; NaN where fewer than half of a block's pixels count. Where it is far above
     /// the noise, as at the edge of a shadow, this light does not hold.
+    #[cfg(test)]
     pub(crate) fn misfit(&self) -> (Size, &[f32]) {
         (self.cells.size, &self.cells.misfit)
     }

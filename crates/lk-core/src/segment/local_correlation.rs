@@ -7,14 +7,11 @@ use crate::execution::Execution;
 use crate::parallel::RowsMut;
 use crate::simd::{Kernel, Simd, SimdLevel, dispatch};
 
-use super::box_filter::{Border, Window, window_means};
+use super::box_filter::{Window, window_means};
 use super::morphology::Size;
 
 /// The window in pixels of half the size.
-const WINDOW: Window = Window {
-    size: 5,
-    border: Border::Replicate,
-};
+const WINDOW: Window = Window { size: 5 };
 /// Both pictures need structure of so many times the variance of their noise.
 const TEXTURE: f32 = 6.0;
 /// Shares of a mean square below this are rounding.

@@ -1,10 +1,6 @@
 //! What moves and what stands still.
 //!
 //! `docs/algorithms.md`, section "What moves: MotionSegmenter".
-#![allow(
-    dead_code,
-    reason = "sums and windows that only their tests use as yet"
-)]
 
 pub(crate) mod agreement;
 pub(crate) mod align;

@@ -22,12 +22,6 @@ impl Run {
         let row = self.y as usize * width;
         row + self.start as usize..row + self.end as usize
     }
-
-    /// Its pixels.
-    #[inline(always)]
-    pub(crate) fn len(&self) -> usize {
-        (self.end - self.start) as usize
-    }
 }
 
 /// A connected region.
@@ -43,8 +37,6 @@ pub(crate) struct Region {
     pub(crate) right: u32,
     /// See `right`.
     pub(crate) bottom: u32,
-    /// Sums of its pixels' columns and rows.
-    sums: [u64; 2],
 }
 
 impl Region {
@@ -54,14 +46,7 @@ impl Region {
         top: u32::MAX,
         right: 0,
         bottom: 0,
-        sums: [0; 2],
     };
-
-    /// The mean of its pixels' places, (x, y).
-    pub(crate) fn centre(&self) -> (f64, f64) {
-        let [x, y] = self.sums.map(|sum| sum as f64 / f64::from(self.area));
-        (x, y)
-    }
 
     /// Whether it lies at the border of a frame.
     pub(crate) fn touches_border(&self, (width, height): (usize, usize)) -> bool {
@@ -72,14 +57,11 @@ impl Region {
     }
 
     pub(super) fn add(&mut self, run: &Run) {
-        let len = u64::from(run.end - run.start);
         self.area += run.end - run.start;
         self.left = self.left.min(run.start);
         self.right = self.right.max(run.end);
         self.top = self.top.min(run.y);
         self.bottom = self.bottom.max(run.y + 1);
-        self.sums[0] += len * (u64::from(run.start) + u64::from(run.end) - 1) / 2;
-        self.sums[1] += len * u64::from(run.y);
     }
 }
 

@@ -9,7 +9,7 @@ use crate::parallel::RowsMut;
 use crate::simd::dispatch;
 
 use super::background::Background;
-use super::box_filter::{Border, Window, window_means};
+use super::box_filter::{Window, window_means};
 use super::difference::{Compared, Difference, FIVE};
 use super::difference_kernels::Masks;
 use super::morphology::{Element, Size, dilate};
@@ -21,10 +21,7 @@ const SHADE_NOISE: f32 = 1.1;
 /// The edge of a shadow is at most so wide, in pixels.
 const EDGE: usize = 5;
 /// What is called the edge of a shade has some of its inside within this window.
-const SPREAD: Window = Window {
-    size: 31,
-    border: Border::Replicate,
-};
+const SPREAD: Window = Window { size: 31 };
 
 impl Difference {
     /// A shadow with a sharp edge leaves a line of it: take away what is thin beside a shade.

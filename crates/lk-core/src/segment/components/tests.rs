@@ -72,12 +72,6 @@ proptest! {
                 prop_assert_eq!(Some(region.right as usize - 1), columns.clone().max());
                 prop_assert_eq!(Some(region.top as usize), rows.clone().min());
                 prop_assert_eq!(Some(region.bottom as usize - 1), rows.clone().max());
-                let centre = (
-                    columns.sum::<usize>() as f64 / area as f64,
-                    rows.sum::<usize>() as f64 / area as f64,
-                );
-                prop_assert!((region.centre().0 - centre.0).abs() < 1e-9);
-                prop_assert!((region.centre().1 - centre.1).abs() < 1e-9);
             }
         }
     }
@@ -86,21 +80,13 @@ proptest! {
     fn planes_are_summed_over_regions(w in 1usize..60, h in 1usize..20, seed in any::<u64>(), share in 0.1f64..0.9) {
         let source = mask((w, h), share, seed);
         let mut numbers = Numbers::new(seed);
-        let mut plane: Vec<f32> = (0..w * h).map(|_| numbers.normal() as f32).collect();
-        plane[0] = f32::NAN;
         let bytes: Vec<u8> = (0..w * h).map(|_| (255.0 * numbers.next()) as u8).collect();
         let mut runs = Runs::default();
         runs.label(&source, (w, h)).unwrap();
         let (labels, _) = flood(&source, (w, h), 1, true);
-        let (mut sums, mut of_bytes, mut most) = (Vec::new(), Vec::new(), Vec::new());
-        runs.sum(&plane, &mut sums).unwrap();
+        let mut of_bytes = Vec::new();
         runs.sum_bytes(&bytes, &mut of_bytes).unwrap();
-        runs.largest(&plane, &mut most).unwrap();
         for (index, label) in (1..).take(runs.regions().len()).enumerate() {
-            let values = of_label(&labels, label).map(|at| plane[at]).filter(|value| value.is_finite());
-            let sum: f64 = values.clone().map(f64::from).sum();
-            prop_assert!((sums[index] - sum).abs() < 1e-9);
-            prop_assert_eq!(most[index], values.fold(f32::NEG_INFINITY, f32::max));
             prop_assert_eq!(of_bytes[index], of_label(&labels, label).map(|at| u64::from(bytes[at])).sum::<u64>());
         }
     }
@@ -142,10 +128,10 @@ fn time_of_regions() {
         time(&format!("label {name}"), size, &mut || {
             runs.label(&source, size).unwrap()
         });
-        let plane: Vec<f32> = vec![1.0; source.len()];
+        let plane = vec![1; source.len()];
         let mut sums = Vec::new();
         time(&format!("sum {name}"), size, &mut || {
-            runs.sum(&plane, &mut sums).unwrap()
+            runs.sum_bytes(&plane, &mut sums).unwrap()
         });
     }
 }
