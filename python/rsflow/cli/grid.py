@@ -82,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_max_displacement(parser)
     add_mask(parser)
     parser.add_argument("--scale", type=_scale, metavar="0.05mm/px", help="length of a pixel: m, cm, mm, um or nm a px")
-    parser.add_argument("--dt", type=_time, metavar="1ms", help="time between two pictures: s, ms, us or ns")
+    parser.add_argument("--dt", type=_time, metavar="1ms", help="time from one picture to the next: s, ms, us or ns")
     parser.add_argument("--y-up", action="store_true", help="y and v run up in files, as in fluid mechanics; not down")
     parser.add_argument("--format", choices=_FORMATS, default="csv", help="of the grids (default: csv)")
     parser.add_argument(
@@ -178,11 +178,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _sequence(args: argparse.Namespace, mask: Any) -> GridSequence:
-    from rsflow.errors import OptionError
     from rsflow.grid import GridSequence
 
-    if args.dt is not None and args.reference == "first":
-        raise OptionError("--dt: got one with --reference first, expected none: displacement is from the first picture")
     return GridSequence(
         reference=args.reference,
         window_size=args.window,

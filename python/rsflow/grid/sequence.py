@@ -12,8 +12,9 @@ from .. import _checks
 from .._checks.knobs import GridShape, Illumination
 from .._shared import Shared, alone, anew
 from ..camera import Camera
-from ..errors import OptionError
+from .carry import carried
 from .data import GridStatus
+from .lens import without_distortion
 from .measure import displacement_grid
 from .result import Grid
 
@@ -35,9 +36,13 @@ class GridSequence(Shared):
     renew_below : float
         With ``"first"``: the median correlation below which the frame before becomes the reference, 0 to 1.
     mask : ndarray of bool, shape (height, width), optional
-        True where a pixel counts: of every frame with ``"previous"``, of the first one with ``"first"``.
-    window_size, step, shape, robust, illumination, max_displacement, scale_m_px, dt_s, camera
-        As `displacement_grid` takes them; ``dt_s``, between two frames, and ``camera`` with ``"previous"`` alone.
+        True where a pixel counts: of every frame with ``"previous"``, of the first one with ``"first"``, where it is
+        carried to each new reference by what was measured.
+    window_size, step, shape, robust, illumination, max_displacement, scale_m_px, camera
+        As `displacement_grid` takes them.
+    dt_s : float, optional
+        Seconds from one frame to the next. With ``"first"`` a grid's own `dt_s` is the time since the first frame, and
+        its velocity the mean one since then.
 
     Examples
     --------
@@ -69,18 +74,17 @@ class GridSequence(Shared):
         self._by: Reference = _checks.choice("reference", reference, get_args(Reference))
         self._renew_below = _checks.number("renew_below", renew_below, least=0, most=1)
         self._mask = _checks.mask_or_none("mask", mask)
-        if self._by == "first" and (dt_s is not None or camera is not None):
-            given = "dt_s" if dt_s is not None else "camera"
-            raise OptionError(f'{given}: got one, expected None with reference="first"')
         self._options: dict[str, Any] = {
             **{"window_size": window_size, "step": step, "shape": shape, "robust": robust},
             **{"illumination": illumination, "max_displacement": max_displacement},
-            **{"scale_m_px": scale_m_px, "dt_s": dt_s, "camera": camera},
+            **{"scale_m_px": scale_m_px},
         }
+        self._dt_s = _checks.number_or_none("dt_s", dt_s, above=0, of="seconds")
+        self._camera = camera
         # What does not fit is told at once.
         side = max(_checks.integer("window_size", window_size, least=8, most=256, of="pixels"), 1)
         blank = np.zeros((side, side), np.uint8)
-        displacement_grid(blank, blank, **self._options)
+        displacement_grid(blank, blank, camera=camera, **self._options)
         self._forget()
 
     def __repr__(self) -> str:
@@ -92,6 +96,7 @@ class GridSequence(Shared):
         self._previous: NDArray[Any] | None = None
         # From the first frame to the reference, and to the frame before.
         self._base: Grid | None = None
+        self._reference_mask = self._mask
         self._last: Grid | None = None
         self._step: Grid | None = None
         self._renewals = 0
@@ -129,6 +134,10 @@ class GridSequence(Shared):
             return None
         _checks.pair(self._reference, frame, ("the first frame", "frame"))
         grid = self._against_previous(frame) if self._by == "previous" else self._against_first(frame)
+        if self._camera is not None:
+            grid = without_distortion(grid, self._camera)
+        if self._dt_s is not None:
+            grid = dataclasses.replace(grid, dt_s=self._dt_s * (self._frames if self._by == "first" else 1))
         self._frames += 1
         self._previous = frame.copy()
         return grid
@@ -144,6 +153,8 @@ class GridSequence(Shared):
         if fell and self._step is not None:
             self._base, self._reference, self._step = self._last, self._previous, None
             self._renewals += 1
+            if self._mask is not None and self._base is not None:
+                self._reference_mask = carried(self._mask, self._base)
             grid = self._from_reference(frame)
         self._step = grid
         self._last = grid if self._base is None else composed(self._base, grid)
@@ -151,7 +162,7 @@ class GridSequence(Shared):
 
     def _from_reference(self, frame: NDArray[Any]) -> Grid:
         assert self._reference is not None
-        mask = self._mask if self._base is None else None
+        mask = self._reference_mask
         return displacement_grid(self._reference, frame, initial=self._step, mask=mask, **self._options)
 
 
