@@ -78,6 +78,57 @@ def test_a_mask_leaves_nodes_out(here):
     assert all(row["status"] == "low_support" for row in lost)
 
 
+def test_polygons_say_what_counts(here):
+    (here / "corners.json").write_text("[[0.0, 0], [63, 0], [63, 95], [0, 95]]")
+    (here / "corners.csv").write_text("x,y\n0,0\n63,0\n63,95\n0,95\n")
+    mask = np.zeros((96, 128), np.uint8)
+    mask[:, :64] = 255
+    cv2.imwrite("mask.png", mask)
+    wide = ["--polygon=-20,-20,160,-20,160,160,-20,160"]
+    ways = [
+        ["--mask", "mask.png"],
+        ["--polygon", "0,0, 63,0, 63,95, 0,95"],
+        ["--polygon", "corners.json"],
+        ["--polygon", "corners.csv"],
+        ["--polygon", "0,0,63,0,63,50,0,50", "--polygon", "0,45,63,45,63,95,0,95"],
+        [*wide, "--mask", "mask.png"],
+    ]
+    found = []
+    for k, way in enumerate(ways):
+        assert main(["grid", "p0.png", "p1.png", "-o", f"out{k}", *way]) == 0
+        found.append((here / f"out{k}" / "grid_000001.csv").read_text(encoding="utf-8"))
+    assert "low_support" in found[0]
+    assert "measured" in found[0]
+    assert len(set(found)) == 1
+    # Other corners are another result.
+    (here / "corners.csv").write_text("0,0\n40,0\n40,95\n0,95\n")
+    assert main(["grid", "p0.png", "p1.png", "-o", "out3", "--polygon", "corners.csv"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("corners", "message"),
+    [
+        ("1,2,3", "polygon: got '1,2,3'"),
+        ("1,2,3,4", "polygon: got 2 corners"),
+        ("1,2,3,4,5,a", "expected x0,y0"),
+        ("1,2,3,4,5,nan", "expected finite corners"),
+        ("1,2,3,4,5,1e6", "within 100000 pixels"),
+        ("500,500,600,500,600,600", "expected some within the frames, 128 x 96"),
+        ("none.json", "none.json: cannot be read"),
+        ("bad.json", "polygon: got 'bad.json'"),
+        ("bad.csv", "polygon: got 'bad.csv'"),
+        ("p0.csv", "cannot be read"),
+    ],
+)
+def test_a_polygon_that_is_none_is_told(here, capsys, corners, message):
+    (here / "bad.json").write_text('{"x": 1}')
+    (here / "bad.csv").write_text("x,y\n1,2\n3,4,5\n6,7\n")
+    (here / "p0.csv").write_bytes((here / "p0.png").read_bytes())
+    assert main(["grid", "p0.png", "p1.png", "-o", "out", "--polygon", corners]) == 1
+    assert message in capsys.readouterr().err
+    assert not (here / "out" / "grids.csv").exists()
+
+
 @pytest.mark.parametrize(
     ("line", "code", "message"),
     [

@@ -43,6 +43,7 @@ examples:
   rsflow grid a.tif b.tif -o out
   rsflow grid a.tif b.tif -o out --shape quadratic --robust --scale 0.05mm/px --dt 1ms --y-up --plot vorticity
   rsflow grid 'load/*.tif' -o out --reference first --window 41 --step 10 --plot xx
+  rsflow grid 'load/*.tif' -o out --reference first --polygon 120,80,900,80,900,700,120,700
   rsflow grid piv.mp4 -o out --stride 2 --format txt --y-up
 """
 
@@ -81,6 +82,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_illumination(parser)
     add_max_displacement(parser)
     add_mask(parser)
+    parser.add_argument(
+        "--polygon",
+        action="append",
+        metavar="X,Y,X,Y,X,Y",
+        help="corners of what counts, in pixels, or a .json or .csv file of them; again for another part",
+    )
     parser.add_argument("--scale", type=_scale, metavar="0.05mm/px", help="length of a pixel: m, cm, mm, um or nm a px")
     parser.add_argument("--dt", type=_time, metavar="1ms", help="time from one picture to the next: s, ms, us or ns")
     parser.add_argument("--y-up", action="store_true", help="y and v run up in files, as in fluid mechanics; not down")
@@ -126,12 +133,14 @@ def run(args: argparse.Namespace) -> int:
     import rsflow
     from rsflow._results.folder import ResultFolder
     from rsflow._results.inputs import Inputs
-    from rsflow.capture.masks import expect_size
+    from rsflow.capture.masks import expect_size, read_polygon
     from rsflow.capture.too_few import expect_range, too_few
 
     folder = Path(args.output)
     given: Any = source_of(args.source[0]) if len(args.source) == 1 else args.source
     mask = mask_of(args.mask)
+    given_by = args.polygon or []
+    args = argparse.Namespace(**{**vars(args), "polygon": [read_polygon(text) for text in given_by]})
     sequence = _sequence(args, mask)
     table = folder / "grids.csv"
     rows: list[dict[str, Any]] = []
@@ -142,7 +151,7 @@ def run(args: argparse.Namespace) -> int:
         source = stack.enter_context(rsflow.frames(given, **ranged))
         stack.callback(tell_notes, "grid", source)
         expect_range(source)
-        read = Inputs(None if isinstance(given, list) else given, files=(*args.source, args.mask))
+        read = Inputs(None if isinstance(given, list) else given, files=(*args.source, args.mask, *given_by))
         read.refuse([table])
         identity = identity_of(given, args, files=("mask",))
         names = ("grids.csv", "grid_[0-9]*.*")
@@ -152,6 +161,8 @@ def run(args: argparse.Namespace) -> int:
             for frame in source:
                 if frames == 0 and mask is not None:
                     expect_size(f"--mask {args.mask}", mask, frame.image.shape[::-1])
+                if frames == 0 and args.polygon:
+                    sequence = _sequence(args, _drawn(args.polygon, mask, frame.image.shape[::-1]))
                 frames += 1
                 grid = sequence.update(frame.image)
                 if grid is not None:
@@ -192,6 +203,16 @@ def _sequence(args: argparse.Namespace, mask: Any) -> GridSequence:
         scale_m_px=args.scale,
         dt_s=args.dt,
     )
+
+
+def _drawn(polygons: list[list[tuple[float, float]]], mask: Any, size: tuple[int, int]) -> Any:
+    """Give what is in any of the polygons, and in the mask if there is one."""
+    from functools import reduce
+
+    from rsflow.capture.masks import polygon_mask
+
+    inside = reduce(lambda a, b: a | b, (polygon_mask(corners, size) for corners in polygons))
+    return inside if mask is None else inside & mask
 
 
 def _files(args: argparse.Namespace, folder: Path, index: int) -> list[Path]:
