@@ -134,6 +134,12 @@ def filtered() -> rsflow.FilteredVelocity:
 
 
 @functools.cache
+def a_probe() -> rsflow.grid.GridProbes:
+    found = rsflow.grid.GridProbes([(16.0, 12.0)])
+    found.add(a_grid())
+    return found
+
+
 def a_grid() -> rsflow.Grid:
     return rsflow.displacement_grid(frame(0), frame(1), window_size=16, step=8)
 
@@ -453,6 +459,11 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.displacement_grid": lambda _: (rsflow.displacement_grid, {**PAIR, "window_size": 16, "step": 8}),
     "rsflow.grid.Extension": lambda _: (rsflow.grid.Extension, {"length_px": 10.0, "strain": 0.01, "std": 0.001}),
     "rsflow.grid.Samples": lambda _: (rsflow.grid.Samples, _fields(a_grid().at([(16.0, 12.0)]))),
+    "rsflow.grid.GridProbes": lambda _: (rsflow.grid.GridProbes, {"points": [(16.0, 12.0)], "spacing": 4.0}),
+    "rsflow.grid.GridProbes.add": lambda _: (a_probe().add, {"grid": a_grid(), "t_s": 1.0}),
+    "rsflow.grid.GridProbes.plot": lambda folder: (a_probe().plot, {"what": "u", "path": folder / "probes.svg"}),
+    "rsflow.grid.GridProbes.save": lambda folder: (a_probe().save, {"path": folder / "probes.csv"}),
+    "rsflow.grid.GridProbes.to_table": lambda _: (a_probe().to_table, {}),
     "rsflow.grid.GridStatistics": lambda _: (rsflow.grid.GridStatistics, {}),
     "rsflow.grid.GridStatistics.add": lambda _: (rsflow.grid.GridStatistics().add, {"grid": a_grid()}),
     "rsflow.grid.Replaced": lambda _: (rsflow.grid.Replaced, _fields(a_grid().replaced())),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .data import GridStatus
 from .filling import Replaced
 from .measure import displacement_grid
+from .probes import GridProbes
 from .result import Grid
 from .sampling import Extension, Samples
 from .sequence import GridSequence
@@ -14,6 +15,7 @@ from .strain import Strain
 __all__ = [
     "Extension",
     "Grid",
+    "GridProbes",
     "GridSequence",
     "GridStatistics",
     "GridStatus",
