@@ -68,6 +68,24 @@ def test_velocities_against_the_first_picture_are_means_since_it(here):
         assert float(row["vy_m_s"]) == pytest.approx(float(row["v_px"]) * 5e-5 / 6e-3, rel=1e-5)
 
 
+def test_places_are_followed_over_time(here):
+    places = ["--probe", "40,40", "--probe", "60,50", "--line", "30,40,90,40", "--extensometer", "30,60,90,60"]
+    options = ["--reference", "first", "--dt", "2s", "--y-up", "--plot", "xx"]
+    assert main(["grid", "p*.png", "-o", "out", *places, *options]) == 0
+    assert (here / "out" / "probes.png").exists()
+    found = rows(here / "out" / "probes.csv")
+    gauge = [row for row in found if row["name"] == "extensometer 1"]
+    assert [float(row["t_s"]) for row in gauge] == [2.0, 4.0, 6.0]
+    assert np.allclose([float(row["extension"]) for row in gauge], [0.01, 0.02, 0.03], atol=1e-3)
+    second = [row for row in found if row["name"] == "point 2"]
+    assert float(second[0]["y_px"]) == 95 - 50
+    assert np.allclose([float(row["v_px"]) for row in second], [-0.5, -1.0, -1.5], atol=0.03)
+    # Other places are another result; without any there is no such file.
+    assert main(["grid", "p*.png", "-o", "out", "--probe", "40,40", *options]) == 1
+    assert main(["grid", "p*.png", "-o", "bare"]) == 0
+    assert not (here / "bare" / "probes.csv").exists()
+
+
 def test_a_mask_leaves_nodes_out(here):
     mask = np.full((96, 128), 255, np.uint8)
     mask[:, 64:] = 0
@@ -137,6 +155,9 @@ def test_a_polygon_that_is_none_is_told(here, capsys, corners, message):
         (["p0.png", "p1.png", "--scale", "5"], 2, "got '5', expected a length a pixel"),
         (["p0.png", "p1.png", "--dt", "-1ms"], 2, "expected"),
         (["p0.png", "p1.png", "--window", "5"], 1, "window_size: got 5"),
+        (["p0.png", "p1.png", "--probe", "1,2,3"], 2, "expected 2 numbers in pixels"),
+        (["p0.png", "p1.png", "--line", "1,2,1,2"], 2, "expected ends at different places"),
+        (["p0.png", "p1.png", "--extensometer", "1,2,x,4"], 2, "expected 4 numbers in pixels"),
         (["p0.png", "p1.png", "--plot", "depth"], 2, "invalid choice"),
     ],
 )

@@ -26,7 +26,7 @@ from rsflow.cli._options import (
 )
 
 if TYPE_CHECKING:
-    from rsflow.grid import Grid, GridSequence
+    from rsflow.grid import Grid, GridProbes, GridSequence
 
 DESCRIPTION = """\
 Measure displacement, its gradient and their covariance on a grid of windows: particles in a fluid, speckle on a
@@ -37,6 +37,7 @@ with the first one (materials), with a new reference where the correlation falls
                     covariance, gradient, light, status; its first line says where the axes point (--format parquet,
                     txt, which OpenPIV reads, nc, vtu)
   grid_000001.png   a map with arrows, with --plot (needs rsflow-motion[plot])
+  probes.csv        with --probe, --line or --extensometer: those places over time; and probes.png with --plot
   grids.csv         a row for each pair: how much of it was measured, medians of displacement, small strain, vorticity
 
 examples:
@@ -88,6 +89,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="X,Y,X,Y,X,Y",
         help="corners of what counts, in pixels, or a .json or .csv file of them; again for another part",
     )
+    for option, ends, words in (
+        ("--probe", "X,Y", "a place to follow over the pictures, in pixels"),
+        ("--line", "X,Y,X,Y", "a line of places to follow, from end to end"),
+        ("--extensometer", "X,Y,X,Y", "two places whose distance is followed"),
+    ):
+        kind = _place if option == "--probe" else _line
+        parser.add_argument(option, type=kind, action="append", metavar=ends, help=f"{words}; again for another")
     parser.add_argument("--scale", type=_scale, metavar="0.05mm/px", help="length of a pixel: m, cm, mm, um or nm a px")
     parser.add_argument("--dt", type=_time, metavar="1ms", help="time from one picture to the next: s, ms, us or ns")
     parser.add_argument("--y-up", action="store_true", help="y and v run up in files, as in fluid mechanics; not down")
@@ -109,6 +117,29 @@ def _scale(text: str) -> float:
 def _time(text: str) -> float:
     """Take a time in seconds."""
     return _quantity(text, _TIME_S, "a time, as 1ms")
+
+
+def _place(text: str) -> tuple[float, ...]:
+    """Take x and y."""
+    return _coordinates(text, 2)
+
+
+def _line(text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Take two places."""
+    found = _coordinates(text, 4)
+    if found[:2] == found[2:]:
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected ends at different places")
+    return found[:2], found[2:]
+
+
+def _coordinates(text: str, count: int) -> tuple[float, ...]:
+    try:
+        found = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) != count or not all(abs(value) <= 1e5 for value in found):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected {count} numbers in pixels with commas between them")
+    return found
 
 
 def _quantity(text: str, units: dict[str, float], expected: str) -> float:
@@ -142,6 +173,7 @@ def run(args: argparse.Namespace) -> int:
     given_by = args.polygon or []
     args = argparse.Namespace(**{**vars(args), "polygon": [read_polygon(text) for text in given_by]})
     sequence = _sequence(args, mask)
+    probes = _probes(args)
     table = folder / "grids.csv"
     rows: list[dict[str, Any]] = []
     written: list[Path] = []
@@ -154,7 +186,7 @@ def run(args: argparse.Namespace) -> int:
         read = Inputs(None if isinstance(given, list) else given, files=(*args.source, args.mask, *given_by))
         read.refuse([table])
         identity = identity_of(given, args, files=("mask",))
-        names = ("grids.csv", "grid_[0-9]*.*")
+        names = ("grids.csv", "grid_[0-9]*.*", "probes.csv", "probes.png")
         result = stack.enter_context(ResultFolder(folder, "grid", names, identity, overwrite=args.overwrite))
         before: Any = None
         try:
@@ -171,6 +203,8 @@ def run(args: argparse.Namespace) -> int:
                     result.record()
                     _write(args, grid, files, before)
                     written += files
+                    if probes is not None:
+                        probes.add(grid, frame.t_s if args.dt is None else args.dt * (frames - 1))
                     rows.append(_row(grid, frame.index, frame.t_s, y_up=args.y_up))
                 if before is None or args.reference == "previous":
                     before = frame.image.copy()
@@ -180,6 +214,8 @@ def run(args: argparse.Namespace) -> int:
             raise too_few(source, frames)
         result.record()
         _save_rows(table, rows)
+        if probes is not None and rows:
+            written += _save_probes(args, probes, folder, read)
         result.finish([table, *written])
     _tell(args, rows, table)
     if interrupted:
@@ -203,6 +239,25 @@ def _sequence(args: argparse.Namespace, mask: Any) -> GridSequence:
         scale_m_px=args.scale,
         dt_s=args.dt,
     )
+
+
+def _probes(args: argparse.Namespace) -> GridProbes | None:
+    from rsflow.grid import GridProbes
+
+    places = args.probe or [], args.line or [], args.extensometer or []
+    return GridProbes(places[0], lines=places[1], extensometers=places[2]) if any(places) else None
+
+
+def _save_probes(args: argparse.Namespace, probes: GridProbes, folder: Path, read: Any) -> list[Path]:
+    """Write places over time, and with --plot draw them: u where the map has no such quantity."""
+    from rsflow.grid.probes import PROBE_QUANTITIES
+
+    files = [folder / "probes.csv", *([folder / "probes.png"] if args.plot else [])]
+    read.refuse(files)
+    probes.save(files[0], y_up=args.y_up)
+    if args.plot:
+        probes.plot(args.plot if args.plot in PROBE_QUANTITIES else "u", path=files[1])
+    return files
 
 
 def _drawn(polygons: list[list[tuple[float, float]]], mask: Any, size: tuple[int, int]) -> Any:

@@ -19,11 +19,13 @@ from .result import Grid
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["GridProbes", "ProbeQuantity"]
+__all__ = ["PROBE_QUANTITIES", "GridProbes", "ProbeQuantity"]
 
 F64 = NDArray[np.float64]
 
 ProbeQuantity = Literal["u", "v", "xx", "yy", "xy", "vorticity", "divergence"]
+
+PROBE_QUANTITIES: tuple[str, ...] = get_args(ProbeQuantity)
 
 # Each as a sum of u, v, du/dx, du/dy, dv/dx, dv/dy; whether it turns with y; its label.
 _QUANTITIES: dict[str, tuple[tuple[float, ...], bool, str]] = {
