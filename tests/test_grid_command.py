@@ -82,6 +82,12 @@ def test_places_are_followed_over_time(here):
     assert np.allclose([float(row["v_px"]) for row in second], [-0.5, -1.0, -1.5], atol=0.03)
     # Other places are another result; without any there is no such file.
     assert main(["grid", "p*.png", "-o", "out", "--probe", "40,40", *options]) == 1
+    assert main(["grid", "p*.png", "-o", "numbered", "--probe", "40,40", "--plot", "speed"]) == 0
+    found = rows(here / "numbered" / "probes.csv")
+    assert [(row["grid"], row["t_s"]) for row in found] == [("1", "nan"), ("2", "nan"), ("3", "nan")]
+    assert main(["grid", "p*.png", "-o", "rated", "--probe", "40,40", "--rate", "10"]) == 0
+    found = rows(here / "rated" / "probes.csv")
+    assert np.allclose([float(row["t_s"]) for row in found], [0.1, 0.2, 0.3])
     assert main(["grid", "p*.png", "-o", "bare"]) == 0
     assert not (here / "bare" / "probes.csv").exists()
 

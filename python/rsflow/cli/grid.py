@@ -204,7 +204,7 @@ def run(args: argparse.Namespace) -> int:
                     _write(args, grid, files, before)
                     written += files
                     if probes is not None:
-                        probes.add(grid, frame.t_s if args.dt is None else args.dt * (frames - 1))
+                        probes.add(grid, _time_of(args, frame, frames))
                     rows.append(_row(grid, frame.index, frame.t_s, y_up=args.y_up))
                 if before is None or args.reference == "previous":
                     before = frame.image.copy()
@@ -246,6 +246,13 @@ def _probes(args: argparse.Namespace) -> GridProbes | None:
 
     places = args.probe or [], args.line or [], args.extensometer or []
     return GridProbes(places[0], lines=places[1], extensometers=places[2]) if any(places) else None
+
+
+def _time_of(args: argparse.Namespace, frame: Any, frames: int) -> float | None:
+    """Give the time of a picture; None where nothing says it, as of files without --dt or --rate."""
+    if args.dt is not None:
+        return float(args.dt * (frames - 1))
+    return frame.t_s if math.isfinite(frame.t_s) else None
 
 
 def _save_probes(args: argparse.Namespace, probes: GridProbes, folder: Path, read: Any) -> list[Path]:

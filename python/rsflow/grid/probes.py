@@ -112,7 +112,7 @@ class GridProbes(Shared):
         grid : Grid
             The next one.
         t_s : float, optional
-            Its time in seconds; by default 1, 2, and so on.
+            Its time in seconds, if it is known.
         """
         _checks.instance("grid", grid, Grid, "a Grid")
         time = _checks.number_or_none("t_s", t_s, of="seconds")
@@ -130,7 +130,7 @@ class GridProbes(Shared):
         gauges = [grid.extension(*ends) for ends in self._extensometers]
         extended = np.array([(gauge.strain, gauge.std) for gauge in gauges], np.float64).reshape(-1, 2)
         self._found.append((np.stack(values, axis=-1), np.stack(deviations, axis=-1), extended))
-        self._times.append(float(len(self._times) + 1) if time is None else time)
+        self._times.append(np.nan if time is None else time)
         self._height = grid.size[1]
 
     def to_table(self, *, y_up: bool = False) -> dict[str, NDArray[Any]]:
@@ -144,9 +144,9 @@ class GridProbes(Shared):
         Returns
         -------
         dict of str to ndarray
-            ``t_s, name``; ``x_px, y_px``, of an extensometer its middle; ``along_px``, from the first end of a line;
-            ``u_px, v_px, strain_xx, strain_yy, strain_xy`` (small), ``vorticity, divergence`` and ``extension``, each
-            followed by its deviation, ``std_...``. What is not known is NaN.
+            ``grid``, counted from 1; ``t_s, name``; ``x_px, y_px``, of an extensometer its middle; ``along_px``, from
+            the first end of a line; ``u_px, v_px, strain_xx, strain_yy, strain_xy`` (small), ``vorticity, divergence``
+            and ``extension``, each followed by its deviation, ``std_...``. What is not known is NaN.
         """
         sign = -1.0 if _checks.flag("y_up", y_up) else 1.0
         times, gauges = len(self._times), len(self._extensometers)
@@ -157,6 +157,7 @@ class GridProbes(Shared):
         names = np.array([*self._names, *(f"extensometer {k + 1}" for k in range(gauges))])
         along = np.array([*self._along, *[np.nan] * gauges], np.float64)
         table: dict[str, NDArray[Any]] = {
+            "grid": np.repeat(np.arange(1, times + 1), rows),
             "t_s": np.repeat(np.array(self._times, np.float64), rows),
             "name": np.tile(names, times),
             **{
@@ -204,7 +205,7 @@ class GridProbes(Shared):
     def plot(
         self, what: ProbeQuantity = "u", *, ax: Axes | None = None, path: str | os.PathLike[str] | None = None
     ) -> Axes:
-        """Draw one quantity of each probe over time, the mean of each line, and extensions on an axis of their own.
+        """Draw one quantity of each probe over time, the mean of a line, and extensions on an axis of their own.
 
         Bands reach one deviation to both sides; of a line, whose places share windows, the root mean square of theirs.
 
@@ -237,7 +238,8 @@ class GridProbes(Shared):
         elif not all(hasattr(drawn, name) for name in ("plot", "fill_between", "twinx")):
             raise _checks.refused("ax", drawn, "axes of matplotlib, or None for new ones", DTypeError)
         table, name = self.to_table(), _NAMES.get(word, word)
-        drawn.set(xlabel="time (s)", ylabel=_QUANTITIES[word][2])
+        timed = bool(np.isfinite(table["t_s"]).all())
+        drawn.set(xlabel="time (s)" if timed else "grid", ylabel=_QUANTITIES[word][2])
         curves = dict.fromkeys(self._names)
         for curve in curves:
             _draw(drawn, table, curve, name, "-")
@@ -274,12 +276,13 @@ def _joined(parts: list[tuple[F64, F64]]) -> F64:
 
 
 def _draw(ax: Any, table: dict[str, NDArray[Any]], curve: str, name: str, style: str) -> None:
-    """Draw a curve with its band: means over the rows of one time."""
+    """Draw a curve with its band: means over the rows of one grid, over time where all times are known."""
     mine = table["name"] == curve
-    times = np.unique(table["t_s"][mine])
+    numbers, first = np.unique(table["grid"][mine], return_index=True)
+    times = table["t_s"][mine][first] if np.isfinite(table["t_s"]).all() else numbers
     middle, spread = np.full(len(times), np.nan), np.full(len(times), np.nan)
-    for k, time in enumerate(times):
-        rows = mine & (table["t_s"] == time) & np.isfinite(table[name])
+    for k, number in enumerate(numbers):
+        rows = mine & (table["grid"] == number) & np.isfinite(table[name])
         if rows.any():
             middle[k] = table[name][rows].mean()
             spread[k] = np.sqrt(np.mean(table[f"std_{name}"][rows] ** 2))
