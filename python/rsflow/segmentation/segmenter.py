@@ -246,7 +246,7 @@ class MotionSegmenter(Shared):
             status = SegmentationStatus.OK
             # Flow within a thing is often that of the ground around it, and then it says that the thing stands.
             length, motion = self._engine.motion(_LEAST_MOTION_PX)
-            objects = self._tracker.update(moving, motion, homography, image=self._levels.of_255(image), t_s=t_s)
+            objects = self._tracker.update(moving, motion, homography, image=self._levels.of_255(counted), t_s=t_s)
             if counts is not None:
                 length[~counts] = np.nan
         if length is None:
