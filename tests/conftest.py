@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import signal
 import zlib
+from collections.abc import Iterator
+from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
+
+from browser import opened_browser
 
 # The same examples in every run: a failure can be run again, and a pass means the same everywhere.
 hypothesis.settings.register_profile("seeded", derandomize=True, deadline=None)
@@ -24,3 +28,10 @@ def rng(request: pytest.FixtureRequest) -> np.random.Generator:
     seed = zlib.crc32(request.node.name.encode())
     print(f"seed {seed}")
     return np.random.default_rng(seed)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """A Chromium, one for the tests of a file; they are skipped where none is installed."""
+    with opened_browser() as opened:
+        yield opened
