@@ -1,4 +1,4 @@
-"""docs/algorithms.md holds: its constants are the code's, and the sections that the code points to are there."""
+"""The page algorithms.md holds: its constants are the code's, and the sections that the code points to are there."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = (ROOT / "docs" / "algorithms.md").read_text(encoding="utf-8")
+FILE = ROOT / "docs" / "explanation" / "algorithms.md"
+PAGE = FILE.read_text(encoding="utf-8")
 CORE = ROOT / "crates" / "lk-core" / "src"
 PACKAGE = ROOT / "python" / "rsflow"
 
@@ -123,13 +124,13 @@ def test_the_page_has_the_values_of_the_code(constant: str, file: str, value: st
         return
     now = elsewhere(constant, file, value)
     if os.environ.get("REGENERATE") == "1" and len(now) == 1:
-        page = (ROOT / "docs" / "algorithms.md").read_text(encoding="utf-8")
+        page = FILE.read_text(encoding="utf-8")
         row = f"| `{constant.replace('|', chr(92) + '|')}` | `{{}}` |"
         assert page.count(row.format(file)) == 1
         page = page.replace(row.format(file), row.format(now[0]))
-        (ROOT / "docs" / "algorithms.md").write_text(page, encoding="utf-8")
+        FILE.write_text(page, encoding="utf-8")
         return
-    pytest.fail(f"docs/algorithms.md: {constant} is not {value} in {file}, but in {', '.join(now) or 'no file'}")
+    pytest.fail(f"algorithms.md: {constant} is not {value} in {file}, but in {', '.join(now) or 'no file'}")
 
 
 def test_there_are_constants_to_compare() -> None:
@@ -215,7 +216,7 @@ def test_the_page_has_the_presets_of_the_code() -> None:
 def test_files_that_the_page_names_are_there() -> None:
     for file in set(re.findall(r"`([a-z_/]+\.(?:rs|py))`", PAGE)):
         roots = (ROOT,) if file.startswith("tests/") else (CORE, PACKAGE)
-        assert any((root / file).is_file() for root in roots), f"docs/algorithms.md names {file}"
+        assert any((root / file).is_file() for root in roots), f"algorithms.md names {file}"
 
 
 def test_sections_that_the_code_points_to_are_there() -> None:
@@ -223,7 +224,9 @@ def test_sections_that_the_code_points_to_are_there() -> None:
     assert len(set(headings)) == len(headings)
     files = [*CORE.rglob("*.rs"), *PACKAGE.rglob("*.py")]
     for path in files:
-        for section in re.findall(r'docs/algorithms\.md`?, section "([^"]+)"', path.read_text(encoding="utf-8")):
+        for section in re.findall(
+            r'docs/explanation/algorithms\.md`?, section "([^"]+)"', path.read_text(encoding="utf-8")
+        ):
             assert section in headings, f"{path.relative_to(ROOT)} points to a section {section!r}"
 
 

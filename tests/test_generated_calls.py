@@ -1,7 +1,8 @@
 """Every public function, class and method with a table of odd values for each argument: only what is documented comes.
 
 The callables are found by walking the package, so that a new one is called too; one without an entry in
-`public_calls.CALLS` fails. What a call may end with stands in `judged`, and for users in docs/conventions.md.
+`public_calls.CALLS` fails. What a call may end with stands in `judged`, and for users in
+docs/explanation/conventions.md.
 """
 
 from __future__ import annotations

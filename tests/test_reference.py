@@ -1,4 +1,4 @@
-"""docs/api.md is the whole reference: every public class and function stands in it, a class with all of its methods."""
+"""docs/reference/api.md is whole: every public class and function stands in it, a class with all of its methods."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import public_calls
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "api.md"
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "api.md"
 DIRECTIVE = re.compile(r"^\.\. auto(\w+):: ([\w.]+)\n((?: {3}:.*\n)*)", re.MULTILINE)
 
 

@@ -16,12 +16,12 @@ from rsflow import VelocityStatus, synthetic
 from rsflow.cli import COMMANDS, Parser
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-TUTORIAL = (DOCS / "webcam_to_metres.md").read_text(encoding="utf-8")
-ACCURACY = (DOCS / "velocity_accuracy.md").read_text(encoding="utf-8")
+TUTORIAL = (DOCS / "tutorials" / "webcam_to_metres.md").read_text(encoding="utf-8")
+ACCURACY = (DOCS / "explanation" / "velocity_accuracy.md").read_text(encoding="utf-8")
 
 
 def drawing():
-    spec = importlib.util.spec_from_file_location("draw_velocity_axes", DOCS / "draw_velocity_axes.py")
+    spec = importlib.util.spec_from_file_location("draw_velocity_axes", DOCS / "explanation" / "draw_velocity_axes.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -84,5 +84,5 @@ def test_the_drawing_in_the_folder_is_what_the_script_draws(tmp_path, monkeypatc
     def letters(path: Path) -> list[str]:
         return re.findall(r"<text[^>]*>([^<]*)</text>", path.read_text(encoding="utf-8"))
 
-    assert letters(tmp_path / "axes.svg") == letters(DOCS / "velocity_axes.svg")
-    assert "rate about z > 0" in "".join(letters(DOCS / "velocity_axes.svg")).replace("&gt;", ">")
+    assert letters(tmp_path / "axes.svg") == letters(DOCS / "explanation" / "velocity_axes.svg")
+    assert "rate about z > 0" in "".join(letters(DOCS / "explanation" / "velocity_axes.svg")).replace("&gt;", ">")

@@ -1,6 +1,6 @@
 """The displacement of one window, or of a whole frame, with its covariance.
 
-docs/algorithms.md, section "Displacement of a window: estimate_shift".
+docs/explanation/algorithms.md, section "Displacement of a window: estimate_shift".
 """
 
 from __future__ import annotations

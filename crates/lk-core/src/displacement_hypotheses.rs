@@ -1,7 +1,7 @@
 //! Where to look when points or windows do not find their way by themselves: displacements of the whole frame and of its
 //! tiles, by phase correlation on a coarse level.
 //!
-//! `docs/algorithms.md`, section "A second try".
+//! `docs/explanation/algorithms.md`, section "A second try".
 
 use crate::error::Result;
 use crate::execution::Execution;

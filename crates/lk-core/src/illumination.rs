@@ -1,6 +1,6 @@
 //! The lighting model: what may change between two frames besides motion.
 //!
-//! `docs/algorithms.md`, section "Light".
+//! `docs/explanation/algorithms.md`, section "Light".
 
 use crate::options::names;
 

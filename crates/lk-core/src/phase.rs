@@ -3,7 +3,7 @@
 //! Kuglin and Hines, "The phase correlation image alignment method", 1975. The cross-power spectrum is whitened only
 //! where it stands above its mean, so that frequencies without signal do not add noise.
 //!
-//! `docs/algorithms.md`, section "Start: phase correlation and rivals".
+//! `docs/explanation/algorithms.md`, section "Start: phase correlation and rivals".
 
 use std::cell::RefCell;
 

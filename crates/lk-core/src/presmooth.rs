@@ -1,6 +1,6 @@
 //! A frame copied and lightly smoothed in one pass: its gradients are then less of noise and of what falls between pixels.
 //!
-//! `docs/algorithms.md`, section "Presmoothing".
+//! `docs/explanation/algorithms.md`, section "Presmoothing".
 
 use crate::error::Result;
 use crate::execution::Execution;

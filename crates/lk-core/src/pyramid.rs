@@ -3,7 +3,7 @@
 //! Borders are mirrored without repeating the edge, and a level has half the size of the one before, rounded up, as
 //! `cv2.pyrDown` does. Pixel (x, y) of level `k` sits over pixel (2^k x, 2^k y) of level 0.
 //!
-//! `docs/algorithms.md`, section "Pyramid".
+//! `docs/explanation/algorithms.md`, section "Pyramid".
 
 use ndarray::ArrayView2;
 

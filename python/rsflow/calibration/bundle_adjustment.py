@@ -4,7 +4,7 @@ Least squares over all parameters by Levenberg and Marquardt, with the poses eli
 plane and square: how it is bent and stretched is estimated too, within what is usual, so that it neither bends the
 camera nor is missing from its deviations.
 
-docs/algorithms.md, section "Calibration: calibrate".
+docs/explanation/algorithms.md, section "Calibration: calibrate".
 """
 
 from __future__ import annotations

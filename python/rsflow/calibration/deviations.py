@@ -7,7 +7,7 @@ to group together: Cameron, Gelbach and Miller 2011), and what they say more is 
 leaves the focal length open in a way that no tangent shows, many coefficients the principal point: the fit is repeated
 with other values of these held, and the deviation widened to what the sum of squares allows.
 
-docs/algorithms.md, section "Calibration: calibrate".
+docs/explanation/algorithms.md, section "Calibration: calibrate".
 """
 
 from __future__ import annotations

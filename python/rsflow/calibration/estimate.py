@@ -1,6 +1,6 @@
 """Camera calibration from pictures of a board, with deviations that hold and advice that can be followed.
 
-docs/algorithms.md, section "Calibration: calibrate".
+docs/explanation/algorithms.md, section "Calibration: calibrate".
 """
 
 from __future__ import annotations

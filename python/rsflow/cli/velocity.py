@@ -47,7 +47,7 @@ moves to its right has vx > 0 while the picture flows to the left. What cannot b
 the column status.
 
 Logs are CSV files with times of their own (t_s, t_ms, t_us or t_ns), or tables of PX4's ulog2csv and ArduPilot's
-mavlogdump.py as they are: see docs/sensor_logs.md.
+mavlogdump.py as they are: see docs/how-to/sensor_logs.md.
 
 examples:
   rsflow velocity flight.mp4 --camera cam.yaml --height 0.2

@@ -1,6 +1,6 @@
 """How the error of a path grows: what each cause of a velocity's covariance adds up to.
 
-docs/algorithms.md, section "The path, and how it drifts".
+docs/explanation/algorithms.md, section "The path, and how it drifts".
 """
 
 from __future__ import annotations

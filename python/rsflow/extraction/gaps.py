@@ -5,7 +5,7 @@ else carried on between the measured steps before and after it. A second estimat
 measured, where both are known. What is carried on is an assumption, nothing constrains the motion in a gap: its
 deviation is that of a motion which may stop, turn round or go several times as fast, however smooth the rest is.
 
-docs/algorithms.md, section "The path, and how it drifts".
+docs/explanation/algorithms.md, section "The path, and how it drifts".
 """
 
 from __future__ import annotations

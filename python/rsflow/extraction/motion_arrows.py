@@ -4,7 +4,7 @@ A pixel's motion counts where it is significant against its covariance and a nei
 the things that move, and with a moving camera the scene. Each thing has its own motion at its centre, whatever its
 pixels tell.
 
-docs/algorithms.md, section "Where arrows stand".
+docs/explanation/algorithms.md, section "Where arrows stand".
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The path of the camera over the ground, from its velocities.
 
-docs/algorithms.md, section "The path, and how it drifts".
+docs/explanation/algorithms.md, section "The path, and how it drifts".
 """
 
 from __future__ import annotations

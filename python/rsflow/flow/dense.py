@@ -1,6 +1,6 @@
 """Dense flow of a pair of frames, and of a sequence.
 
-docs/algorithms.md, section "Dense flow: dense_flow".
+docs/explanation/algorithms.md, section "Dense flow: dense_flow".
 """
 
 from __future__ import annotations

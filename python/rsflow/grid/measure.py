@@ -1,6 +1,6 @@
 """One pair of frames, measured on a grid.
 
-docs/algorithms.md, section "Grid: displacement_grid".
+docs/explanation/algorithms.md, section "Grid: displacement_grid".
 """
 
 from __future__ import annotations

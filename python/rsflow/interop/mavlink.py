@@ -1,7 +1,7 @@
 """Velocities as MAVLink messages of a flow sensor: for PX4 and ArduPilot, to a file, a serial port or UDP.
 
-Messages are made by pymavlink (``pip install 'rsflow-motion[mavlink]'``). docs/autopilots.md has signs, quality and the
-parameters to set.
+Messages are made by pymavlink (``pip install 'rsflow-motion[mavlink]'``). docs/how-to/autopilots.md has signs,
+quality and the parameters to set.
 """
 
 from __future__ import annotations

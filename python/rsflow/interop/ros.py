@@ -1,6 +1,7 @@
 """Velocities as a ROS 2 bag: twists with covariance for ROS, optical flow for PX4.
 
-Written by rosbags, which needs no ROS (``pip install 'rsflow-motion[ros]'``). docs/autopilots.md has axes and topics.
+Written by rosbags, which needs no ROS (``pip install 'rsflow-motion[ros]'``). docs/how-to/autopilots.md has axes and
+topics.
 """
 
 from __future__ import annotations

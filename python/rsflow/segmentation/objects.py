@@ -1,6 +1,6 @@
 """Things that move: the regions of successive masks, each followed under one number, also behind and beside others.
 
-docs/algorithms.md, section "Things that move: ObjectTracker".
+docs/explanation/algorithms.md, section "Things that move: ObjectTracker".
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ is not sure yet. Behind a thing stands the state that was seen last, before it c
 it left; the picture of the whole film has the one that was seen most. With a moving camera the canvas lies over the
 scene, and the camera's motion carries each frame to it.
 
-docs/algorithms.md, section "The scene behind what moves".
+docs/explanation/algorithms.md, section "The scene behind what moves".
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What was seen at each pixel of a scene: the states that its colour had while nothing moved there.
 
-docs/algorithms.md, section "The scene behind what moves".
+docs/explanation/algorithms.md, section "The scene behind what moves".
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 `_core.Segmenter` tells it from a background of samples, the frame and its dense flow; here are frames of every type,
 the flow where none is given, masks of the sensor, and the things that move, followed over time.
 
-docs/algorithms.md, section "What moves: MotionSegmenter".
+docs/explanation/algorithms.md, section "What moves: MotionSegmenter".
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Points of a pair of frames: where to start them, and where each went.
 
-docs/algorithms.md, section "Points: track_points".
+docs/explanation/algorithms.md, section "Points: track_points".
 """
 
 from __future__ import annotations

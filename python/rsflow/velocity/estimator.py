@@ -1,6 +1,6 @@
 """The estimator: frames in, velocities out.
 
-docs/algorithms.md, section "Velocity over a plane: VelocityEstimator".
+docs/explanation/algorithms.md, section "Velocity over a plane: VelocityEstimator".
 """
 
 from __future__ import annotations

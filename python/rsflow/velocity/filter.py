@@ -1,6 +1,6 @@
 """Velocities filtered over time: position, velocity and acceleration, and what a gyro's errors are.
 
-docs/algorithms.md, section "Velocities filtered over time: VelocityFilter".
+docs/explanation/algorithms.md, section "Velocities filtered over time: VelocityFilter".
 """
 
 from __future__ import annotations

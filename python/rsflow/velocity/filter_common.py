@@ -1,6 +1,6 @@
 """What is wrong alike in every frame, a height or a focal length, or for a while. It does not average out.
 
-docs/algorithms.md, section "Velocities filtered over time: VelocityFilter".
+docs/explanation/algorithms.md, section "Velocities filtered over time: VelocityFilter".
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What a filter believes at one time: the state, its covariance, and how it goes on.
 
-docs/algorithms.md, section "Velocities filtered over time: VelocityFilter".
+docs/explanation/algorithms.md, section "Velocities filtered over time: VelocityFilter".
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Three parts. The noise of each row by itself: it averages between two rows, and 
 series show, at most what was stated. What all rows have in common, the rest of what was stated: it stays. And what a
 straight line cuts off of a series that is bent, from the second differences around the place, less their noise.
 
-docs/algorithms.md, section "Logs of sensors: heights, rates and attitudes at a frame".
+docs/explanation/algorithms.md, section "Logs of sensors: heights, rates and attitudes at a frame".
 """
 
 from __future__ import annotations

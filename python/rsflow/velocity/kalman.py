@@ -1,6 +1,6 @@
 """The arithmetic of the filter: constant acceleration over any time, causes that stay the same, updates, a gate.
 
-docs/algorithms.md, section "Velocities filtered over time: VelocityFilter".
+docs/explanation/algorithms.md, section "Velocities filtered over time: VelocityFilter".
 """
 
 from __future__ import annotations

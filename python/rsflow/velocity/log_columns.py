@@ -120,7 +120,7 @@ def read_log(path: str | os.PathLike[str], what: str, known: Sequence[Columns], 
 
 def _expected(known: Sequence[Columns], by_frame: bool) -> str:
     own = next(columns for columns in known if not columns.origin)
-    more = "; or a table of PX4's or ArduPilot's, see docs/sensor_logs.md"
+    more = "; or a table of PX4's or ArduPilot's, see docs/how-to/sensor_logs.md"
     others = [str(columns) for columns in known if not columns.origin and columns is not own]
     names = " or ".join([str(own), *others])
     return f"{names} and one of {', '.join(TIME_COLUMNS)}{', frame' if by_frame else ''}{more}"

@@ -3,7 +3,7 @@
 //! J. Shi and C. Tomasi, "Good features to track", CVPR 1994: the smaller eigenvalue of the structure tensor, the
 //! largest of its 3 x 3 neighbourhood, best first, none closer to a better one than the least distance.
 //!
-//! `docs/algorithms.md`, section "Corners: detect_corners".
+//! `docs/explanation/algorithms.md`, section "Corners: detect_corners".
 
 mod options;
 mod response;

@@ -6,7 +6,7 @@
 //! light. One that is found leads to its neighbours, which are sought near the same displacement; what few windows agree
 //! on is chance and is dropped. The flow is taken where it fits better.
 //!
-//! `docs/algorithms.md`, section "Large motion".
+//! `docs/explanation/algorithms.md`, section "Large motion".
 
 use crate::error::Result;
 use crate::frame::Plane;

@@ -1,6 +1,6 @@
 //! A grid of cells some of which may not be known: what stands for those, and the mean of what is around each.
 //!
-//! `docs/algorithms.md`, section "Covariance of dense flow".
+//! `docs/explanation/algorithms.md`, section "Covariance of dense flow".
 
 use crate::error::Result;
 use crate::memory::resize;

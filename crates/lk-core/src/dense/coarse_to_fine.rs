@@ -1,6 +1,6 @@
 //! One pair of frames, from the coarsest level to the finest.
 //!
-//! `docs/algorithms.md`, section "Dense flow: dense_flow".
+//! `docs/explanation/algorithms.md`, section "Dense flow: dense_flow".
 
 use crate::error::Result;
 use crate::frame::Plane;

@@ -3,7 +3,7 @@
 //!
 //! Windows of some pixels change little from a pixel to the next: one in each 2 x 2 speaks for the four.
 //!
-//! `docs/algorithms.md`, section "Confidence and validity".
+//! `docs/explanation/algorithms.md`, section "Confidence and validity".
 
 use crate::error::Result;
 use crate::simd::{Floats, LANES, Simd, blocks_mut};

@@ -4,7 +4,7 @@
 //! moves for an edge of motion. They take the flow of the nearest windows that say something, averaged over ever larger
 //! squares until one does (push and pull; Gortler, Grzeszczuk, Szeliski and Cohen 1996), relative to the trend.
 //!
-//! `docs/algorithms.md`, section "Windows that say nothing".
+//! `docs/explanation/algorithms.md`, section "Windows that say nothing".
 
 use crate::error::Result;
 use crate::memory::resize;

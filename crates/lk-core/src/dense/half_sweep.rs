@@ -1,7 +1,7 @@
 //! What [`relax`](super::relax) does to a row of its system: pixels are joined to their neighbours once, then every second
 //! one is relaxed in each half-sweep.
 //!
-//! `docs/algorithms.md`, section "Refinement".
+//! `docs/explanation/algorithms.md`, section "Refinement".
 
 use crate::simd::{Floats, Kernel, LANES, Simd, blocks, blocks_mut};
 

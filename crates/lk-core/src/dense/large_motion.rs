@@ -4,7 +4,7 @@
 //! Where most windows are left without a match, the displacements of the whole picture and of its tiles are tried on the
 //! level of about 100 pixels, and each pixel keeps the one that fits it best.
 //!
-//! `docs/algorithms.md`, section "Large motion".
+//! `docs/explanation/algorithms.md`, section "Large motion".
 
 use crate::displacement_hypotheses::Hypotheses;
 use crate::error::Result;

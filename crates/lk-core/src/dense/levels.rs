@@ -1,6 +1,6 @@
 //! The work on one level of both pyramids: its steps, its rounds, and what is filled in afterwards.
 //!
-//! `docs/algorithms.md`, section "Dense flow: dense_flow".
+//! `docs/explanation/algorithms.md`, section "Dense flow: dense_flow".
 
 use crate::error::Result;
 use crate::execution::Execution;

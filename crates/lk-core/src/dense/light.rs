@@ -5,7 +5,7 @@
 //! of the flow is an offset. A ratio of deviations, unlike a regression, is not drawn to zero where the flow is not yet
 //! right.
 //!
-//! `docs/algorithms.md`, section "Slow light".
+//! `docs/explanation/algorithms.md`, section "Slow light".
 
 use crate::error::Result;
 use crate::frame::Plane;

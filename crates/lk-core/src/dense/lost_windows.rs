@@ -1,7 +1,7 @@
 //! Windows that are left without a match are sought ([`block_matching`](super::block_matching)), and what is found is taken
 //! where it fits better.
 //!
-//! `docs/algorithms.md`, section "Large motion".
+//! `docs/explanation/algorithms.md`, section "Large motion".
 
 use crate::error::Result;
 

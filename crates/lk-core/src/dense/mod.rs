@@ -20,7 +20,7 @@
 //! the range of `prev` asks for ([`GreyRange::scale`](crate::grey::GreyRange::scale)), but for pixels that are hot
 //! ([`hot_pixels`]), and what is reported in grey levels is divided by it.
 //!
-//! `docs/algorithms.md`, section "Dense flow: dense_flow".
+//! `docs/explanation/algorithms.md`, section "Dense flow: dense_flow".
 
 /// Evaluate the expression with the constant `$size` for the side of windows of this radius, 1 to 3.
 macro_rules! by_radius {

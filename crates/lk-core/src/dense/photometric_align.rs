@@ -1,6 +1,6 @@
 //! Light that has changed: what it did is found on coarse levels, and all levels of `prev` are brought to it.
 //!
-//! `docs/algorithms.md`, section "Slow light".
+//! `docs/explanation/algorithms.md`, section "Slow light".
 
 use crate::error::Result;
 use crate::frame::Plane;

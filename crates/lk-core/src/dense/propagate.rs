@@ -2,7 +2,7 @@
 //!
 //! A window that straddles the edge of a moving thing mixes two motions; one a little to the side does not.
 //!
-//! `docs/algorithms.md`, section "A step".
+//! `docs/explanation/algorithms.md`, section "A step".
 
 use crate::error::Result;
 use crate::execution::Execution;

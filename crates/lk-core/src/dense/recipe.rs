@@ -1,6 +1,6 @@
 //! Presets of dense flow, and what stands behind them.
 //!
-//! `docs/algorithms.md`, section "Presets".
+//! `docs/explanation/algorithms.md`, section "Presets".
 
 use crate::options::names;
 

@@ -10,7 +10,7 @@
 //! weights that psi gives, and relaxes the linear system ([`relax`](super::relax)), all in one pass over the rows: nothing
 //! but the flow itself is as large as the picture. [`half_round`](super::half_round) does the same for one pixel in 2 x 2.
 //!
-//! `docs/algorithms.md`, section "Refinement".
+//! `docs/explanation/algorithms.md`, section "Refinement".
 #![allow(clippy::needless_range_loop, reason = "several arrays run along")]
 
 use std::ops::Range;

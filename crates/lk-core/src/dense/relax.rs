@@ -5,7 +5,7 @@
 //! cache. Rows are split into even and odd pixels: in each row one of the two is red. A half-sweep reads pixels that it
 //! does not write, so that threads cannot change a bit. At the border the picture is mirrored.
 //!
-//! `docs/algorithms.md`, section "Refinement".
+//! `docs/explanation/algorithms.md`, section "Refinement".
 
 use std::ops::Range;
 

@@ -1,6 +1,6 @@
 //! A picture in the light of another: gain and offset, as [`light`](super::light) found them, at each pixel of a level.
 //!
-//! `docs/algorithms.md`, section "Slow light".
+//! `docs/explanation/algorithms.md`, section "Slow light".
 
 use crate::error::Result;
 use crate::execution::Execution;

@@ -1,7 +1,7 @@
 //! One Lucas-Kanade step over all pixels: windows of least squares for the displacement and, with it, an offset of
 //! the light.
 //!
-//! `docs/algorithms.md`, section "A step".
+//! `docs/explanation/algorithms.md`, section "A step".
 
 use crate::error::Result;
 use crate::execution::Execution;

@@ -4,7 +4,7 @@
 //! the flow is right: by how far they would move it, and how well they know that. Noise adds to the structure tensor and
 //! makes steps short, as does damping: both are taken out before the steps are weighed and averaged.
 //!
-//! `docs/algorithms.md`, section "Confidence and validity".
+//! `docs/explanation/algorithms.md`, section "Confidence and validity".
 
 use crate::error::Result;
 use crate::frame::Plane;

@@ -5,7 +5,7 @@
 //! the window that are independent; on a coarse level its pixels count as many times as much. Noise is read off the windows
 //! that fit best: what others are left with may be an error of the flow so far.
 //!
-//! `docs/algorithms.md`, section "Windows that say nothing".
+//! `docs/explanation/algorithms.md`, section "Windows that say nothing".
 
 use crate::error::Result;
 use crate::frame::Plane;

@@ -3,7 +3,7 @@
 //! A turn, a zoom or a slanted surface has a flow that changes from pixel to pixel. Smoothness asks for that change, not for
 //! none, and what changes so is no edge of motion.
 //!
-//! `docs/algorithms.md`, section "Trend: the affine motion of most of the flow".
+//! `docs/explanation/algorithms.md`, section "Trend: the affine motion of most of the flow".
 
 use crate::error::Result;
 use crate::memory::reserve;

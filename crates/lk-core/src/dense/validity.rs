@@ -1,6 +1,6 @@
 //! The end: the flow and what the last windows said of it, at every pixel.
 //!
-//! `docs/algorithms.md`, section "Confidence and validity".
+//! `docs/explanation/algorithms.md`, section "Confidence and validity".
 
 use crate::error::Result;
 use crate::execution::Execution;

@@ -6,7 +6,7 @@
 //! Every window is summed afresh, in an order that depends on the place of the pixel alone, so that the division into
 //! bands cannot change a bit.
 //!
-//! `docs/algorithms.md`, section "Windows and sums".
+//! `docs/explanation/algorithms.md`, section "Windows and sums".
 
 use std::ops::Range;
 

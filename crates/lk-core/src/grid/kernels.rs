@@ -1,6 +1,6 @@
 //! The work on the pixels of a window: samples of `next`, normal equations, and what pulls at the solution.
 //!
-//! `docs/algorithms.md`, section "Grid: displacement_grid".
+//! `docs/explanation/algorithms.md`, section "Grid: displacement_grid".
 
 use super::shape::{PRODUCTS, TERMS, monomials};
 use super::window::{Pattern, Window};

@@ -1,7 +1,7 @@
 //! A measuring grid: displacement and its gradient on a regular grid of windows, with their covariance, for particles in a
 //! fluid and texture on a material.
 //!
-//! `docs/algorithms.md`, section "Grid: displacement_grid".
+//! `docs/explanation/algorithms.md`, section "Grid: displacement_grid".
 
 mod cholesky;
 mod covariance;

@@ -3,7 +3,7 @@
 //! A field that bends more than its shape pulls the least squares away from the centre. Where the field is a polynomial of
 //! one even degree more than the shape, that is a fixed share of what the shape misses some way off.
 //!
-//! `docs/algorithms.md`, section "Grid: displacement_grid".
+//! `docs/explanation/algorithms.md`, section "Grid: displacement_grid".
 
 use super::covariance::MOTION;
 use super::node::Measured;

@@ -1,6 +1,6 @@
 //! Nodes that no neighbour leads to: some of them are sought, and lead the others.
 //!
-//! `docs/algorithms.md`, section "Grid: displacement_grid".
+//! `docs/explanation/algorithms.md`, section "Grid: displacement_grid".
 
 use super::lattice::spaced;
 use super::node::{Measured, Workspace};

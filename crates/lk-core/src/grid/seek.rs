@@ -1,6 +1,6 @@
 //! Where to begin: a window sought by phase correlation around displacements that the whole frames suggest.
 //!
-//! `docs/algorithms.md`, section "Grid: displacement_grid".
+//! `docs/explanation/algorithms.md`, section "Grid: displacement_grid".
 
 use super::frames::Frames;
 use crate::error::Result;

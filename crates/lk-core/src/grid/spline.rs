@@ -4,7 +4,7 @@
 //! recursive filter of the paper is written as the sum that it is, cut where its taps vanish in `f32`: every row then
 //! stands for itself.
 //!
-//! `docs/algorithms.md`, section "Grid: displacement_grid".
+//! `docs/explanation/algorithms.md`, section "Grid: displacement_grid".
 
 use crate::error::Result;
 use crate::execution::Execution;

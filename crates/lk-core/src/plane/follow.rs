@@ -1,7 +1,7 @@
 //! The motion over a plane from two frames themselves: tiles that move as the motion says, and what each of them says
 //! against it, from coarse to fine.
 //!
-//! `docs/algorithms.md`, section "Tiles of a plane".
+//! `docs/explanation/algorithms.md`, section "Tiles of a plane".
 
 use std::cell::RefCell;
 

@@ -8,7 +8,7 @@
 //! The rotation is solved for as far as what is known of it leaves it open ([`PlaneOptions::rotation`]): over a narrow
 //! field of view a turn looks like a way, and what the data cannot tell apart is in the normal matrix.
 //!
-//! `docs/algorithms.md`, section "Velocity over a plane: VelocityEstimator".
+//! `docs/explanation/algorithms.md`, section "Velocity over a plane: VelocityEstimator".
 
 mod fit;
 mod follow;

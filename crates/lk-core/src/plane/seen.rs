@@ -1,6 +1,6 @@
 //! What one tile says of its displacement, and how surely.
 //!
-//! `docs/algorithms.md`, section "Tiles of a plane".
+//! `docs/explanation/algorithms.md`, section "Tiles of a plane".
 
 use super::motion::UNKNOWNS;
 use super::tile::Solved;

@@ -1,7 +1,7 @@
 //! One tile of a plane, sampled from both frames half of its displacement towards each other: what is left of the
 //! displacement, with gain and offset of the light in the same least squares.
 //!
-//! `docs/algorithms.md`, section "Tiles of a plane".
+//! `docs/explanation/algorithms.md`, section "Tiles of a plane".
 
 #![allow(clippy::needless_range_loop, reason = "filter indices")]
 

@@ -1,8 +1,8 @@
 //! How the light of a picture differs from a reference's: a gain and an offset for the frame, and ones over it that vary
 //! slowly, with what is left where these do not fit.
 //!
-//! The slow ones are fitted over tiles of 16 x 16 pixels on means of 4 x 4 ("cells"), see `cells`. `docs/algorithms.md`,
-//! section "What moves: MotionSegmenter".
+//! The slow ones are fitted over tiles of 16 x 16 pixels on means of 4 x 4 ("cells"), see `cells`.
+//! `docs/explanation/algorithms.md`, section "What moves: MotionSegmenter".
 
 mod cells;
 mod frame_light;

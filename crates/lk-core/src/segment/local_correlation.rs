@@ -1,6 +1,6 @@
 //! Where a small window shows the same structure under another light, as in a shadow: a gain fits it.
 //!
-//! `docs/algorithms.md`, section "What moves: MotionSegmenter".
+//! `docs/explanation/algorithms.md`, section "What moves: MotionSegmenter".
 
 use crate::error::Result;
 use crate::execution::Execution;

@@ -1,6 +1,6 @@
 //! What moves and what stands still.
 //!
-//! `docs/algorithms.md`, section "What moves: MotionSegmenter".
+//! `docs/explanation/algorithms.md`, section "What moves: MotionSegmenter".
 
 pub(crate) mod agreement;
 pub(crate) mod align;

@@ -1,6 +1,6 @@
 //! A window that shows structure in one direction only: the displacement across the structure.
 //!
-//! `docs/algorithms.md`, section "One direction only".
+//! `docs/explanation/algorithms.md`, section "One direction only".
 
 use super::gauss_newton::{Found, Guess, Problem};
 use super::judge::{AMBIGUITY_RATIO, EXPLAINED, measured};

@@ -1,6 +1,6 @@
 //! The blocks of tiles over each of which one model of the light holds, and the order of what they leave.
 //!
-//! `docs/algorithms.md`, section "Gauss-Newton".
+//! `docs/explanation/algorithms.md`, section "Gauss-Newton".
 
 use std::ops::Range;
 

@@ -1,6 +1,6 @@
 //! Edges that are too sharp for the samples, or that only the border of the window makes look like more than one.
 //!
-//! `docs/algorithms.md`, section "Covariance of a shift".
+//! `docs/explanation/algorithms.md`, section "Covariance of a shift".
 
 use super::evaluate::{aligned_share, evaluate, lines_scatter};
 use super::gauss_newton::{Found, Problem};

@@ -1,6 +1,6 @@
 //! The displacement from the best of the starts, and whether to believe it.
 //!
-//! `docs/algorithms.md`, section "Displacement of a window: estimate_shift".
+//! `docs/explanation/algorithms.md`, section "Displacement of a window: estimate_shift".
 
 use super::gauss_newton::{COMMON_STRUCTURE, Found, Guess, Problem};
 use super::judge::{

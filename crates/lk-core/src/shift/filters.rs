@@ -1,6 +1,6 @@
 //! The filters that smooth both frames and move them towards each other, and what they do to noise.
 //!
-//! `docs/algorithms.md`, section "Sampling and gradients".
+//! `docs/explanation/algorithms.md`, section "Sampling and gradients".
 
 #![allow(clippy::needless_range_loop, reason = "filter indices")]
 

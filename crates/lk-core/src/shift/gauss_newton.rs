@@ -1,6 +1,6 @@
 //! From one start at a coarse level down to the displacement.
 //!
-//! `docs/algorithms.md`, section "Gauss-Newton".
+//! `docs/explanation/algorithms.md`, section "Gauss-Newton".
 
 use super::affine;
 use super::evaluate::{Workspace, evaluate, gain_field, gain_ramp, is_one_light};

@@ -1,6 +1,6 @@
 //! Whether to believe a displacement, and what a caller gets of it.
 //!
-//! `docs/algorithms.md`, section "Status of a shift".
+//! `docs/explanation/algorithms.md`, section "Status of a shift".
 
 use super::gauss_newton::Found;
 use super::matrix::eigenvalues;

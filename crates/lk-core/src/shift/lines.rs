@@ -1,6 +1,6 @@
 //! Whether lines of pixels say against each other where an edge lies along the pixels.
 //!
-//! `docs/algorithms.md`, section "Covariance of a shift".
+//! `docs/explanation/algorithms.md`, section "Covariance of a shift".
 
 use super::gram::{Gram, Light};
 use super::matrix::{Matrix, inverse, product, quadratic};

@@ -4,7 +4,7 @@
 //! change by a gain and an offset that follow the place; they are unknowns of the same least squares. The gradients
 //! that weight the differences are smoothed, the differences are not, so that noise does not bias the result.
 //!
-//! `docs/algorithms.md`, section "Displacement of a window: estimate_shift".
+//! `docs/explanation/algorithms.md`, section "Displacement of a window: estimate_shift".
 
 mod affine;
 mod aperture;

@@ -1,6 +1,6 @@
 //! Whether the tiles agree with each other as well as their noise says.
 //!
-//! `docs/algorithms.md`, section "Covariance of a shift".
+//! `docs/explanation/algorithms.md`, section "Covariance of a shift".
 
 use super::gram::{Block, weight_of};
 use super::matrix::{Matrix, inverse, product, quadratic};

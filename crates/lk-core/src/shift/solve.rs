@@ -1,7 +1,7 @@
 //! From the sums of the tiles to one displacement: light is eliminated within blocks of tiles, as large as one model of
 //! the light fits, then the blocks are combined, each weighted by the inverse of its own residual variance.
 //!
-//! `docs/algorithms.md`, section "Covariance of a shift".
+//! `docs/explanation/algorithms.md`, section "Covariance of a shift".
 
 use super::block_sums::{BlockSums, overall_light, sandwich};
 use super::blocks::{Merger, Ranked, quantile, sort_by_variance};

@@ -1,6 +1,6 @@
 //! Where to start: candidates from phase correlation at a coarse level, judged by how well the frames then agree.
 //!
-//! `docs/algorithms.md`, section "Start: phase correlation and rivals".
+//! `docs/explanation/algorithms.md`, section "Start: phase correlation and rivals".
 
 use super::coordinates::Pair;
 use super::correlation::Correlator;

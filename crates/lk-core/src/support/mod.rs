@@ -1,6 +1,6 @@
 //! Which pixels of a frame count: inside of it, not masked, finite, and not clipped at either end.
 //!
-//! `docs/algorithms.md`, section "Masks and support".
+//! `docs/explanation/algorithms.md`, section "Masks and support".
 
 mod clipping;
 mod masks;

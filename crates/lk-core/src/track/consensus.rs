@@ -1,7 +1,7 @@
 //! What is left where nearly all points are lost: a window that finds its like between frames with nothing in common is
 //! chance, and stands alone.
 //!
-//! `docs/algorithms.md`, section "Consensus, and sequences".
+//! `docs/explanation/algorithms.md`, section "Consensus, and sequences".
 
 use crate::error::Result;
 use crate::track::affine::Warp;

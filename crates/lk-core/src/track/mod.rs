@@ -5,7 +5,7 @@
 //! is taken out of the template's gradients once, after G. Hager and P. Belhumeur, "Efficient region tracking with
 //! parametric models of geometry and illumination", PAMI 1998.
 //!
-//! `docs/algorithms.md`, section "Points: track_points".
+//! `docs/explanation/algorithms.md`, section "Points: track_points".
 
 mod affine;
 mod consensus;

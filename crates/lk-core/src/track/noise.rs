@@ -1,7 +1,7 @@
 //! How the noise of a pixel reaches a displacement: the spline spreads it over its neighbours, and the window's
 //! gradients weigh them.
 //!
-//! `docs/algorithms.md`, section "Covariance of a point".
+//! `docs/explanation/algorithms.md`, section "Covariance of a point".
 
 use crate::track::patch::Window;
 

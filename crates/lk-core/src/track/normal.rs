@@ -4,7 +4,7 @@
 //! window, d = (g - 1) a + offset - g grad(a).s. The unknowns of the light are eliminated in closed form, so that a
 //! step is one 2 x 2 solve under every model.
 //!
-//! `docs/algorithms.md`, section "One window".
+//! `docs/explanation/algorithms.md`, section "One window".
 
 use crate::track::patch::{Light, Sums, Template};
 

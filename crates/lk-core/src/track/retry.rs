@@ -4,7 +4,7 @@
 //! A coarse window straddles motion and shadow edges, and takes in only so much motion. What a neighbour or a
 //! correlation offers instead is only a start: the point is tracked from it, and judged like any other.
 //!
-//! `docs/algorithms.md`, section "A second try".
+//! `docs/explanation/algorithms.md`, section "A second try".
 
 use crate::displacement_hypotheses::Hypotheses;
 use crate::error::Result;

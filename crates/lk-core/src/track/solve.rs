@@ -1,6 +1,6 @@
 //! One point: down the levels.
 //!
-//! `docs/algorithms.md`, section "One window".
+//! `docs/explanation/algorithms.md`, section "One window".
 
 use crate::track::normal::{Normal, Step};
 use crate::track::options::{PointStatus, TrackedPoint};

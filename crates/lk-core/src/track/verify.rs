@@ -1,6 +1,6 @@
 //! Whether what was found is to be believed, and how uncertain it is.
 //!
-//! `docs/algorithms.md`, section "Judgement".
+//! `docs/explanation/algorithms.md`, section "Judgement".
 
 use crate::illumination::Illumination;
 use crate::track::noise::{Samples, noise_gain};

@@ -2,7 +2,7 @@
 
 The state of a thing lies in the picture of the frame at hand; from frame to frame the camera's motion carries it.
 
-docs/algorithms.md, section "Things that move: ObjectTracker".
+docs/explanation/algorithms.md, section "Things that move: ObjectTracker".
 """
 
 from __future__ import annotations

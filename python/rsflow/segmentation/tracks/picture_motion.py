@@ -3,7 +3,7 @@
 Dense flow inside of a small thing is often that of the ground around it. Samples that lie on the thing alone, begun
 from where it is expected, are not drawn to the ground.
 
-docs/algorithms.md, section "Things that move: ObjectTracker".
+docs/explanation/algorithms.md, section "Things that move: ObjectTracker".
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The motion over a plane as `_core` finds it, and how it follows from the displacements and what else is known.
 
-docs/algorithms.md, section "Velocity over a plane: VelocityEstimator".
+docs/explanation/algorithms.md, section "Velocity over a plane: VelocityEstimator".
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Over a plane a turn about an axis of the picture looks nearly like a way across 
 apart depends on the field of view; the rest is what a gyro, an attitude, or nothing says, each with its own errors.
 These errors are learned: whatever rotation the pictures show beyond what was told is compared with what it should be.
 
-docs/algorithms.md, section "What is known of the rotation".
+docs/explanation/algorithms.md, section "What is known of the rotation".
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """From two frames and what is known of the camera to a velocity: the steps of `VelocityEstimator`, in their order.
 
-docs/algorithms.md, section "Velocity over a plane: VelocityEstimator".
+docs/explanation/algorithms.md, section "Velocity over a plane: VelocityEstimator".
 """
 
 from __future__ import annotations

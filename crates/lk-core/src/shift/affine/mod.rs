@@ -4,7 +4,7 @@
 //! what is left, as in the rest of this module, so that noise does not bias the result. What is left differs from pixel
 //! to pixel: `w(m) = d + G (m - c)`, with m halfway between the two pixels and c halfway between the centres.
 //!
-//! `docs/algorithms.md`, section "Windows that deform".
+//! `docs/explanation/algorithms.md`, section "Windows that deform".
 
 mod clusters;
 mod curvature;

@@ -1,6 +1,6 @@
 //! Points whose surroundings turn, grow or shear too much for a displacement alone.
 //!
-//! `docs/algorithms.md`, section "Windows that turn, grow and shear".
+//! `docs/explanation/algorithms.md`, section "Windows that turn, grow and shear".
 
 mod align;
 mod attempt;

@@ -1,6 +1,6 @@
 //! Grey levels between pixels: separable filters with the same weights for every pixel of a window.
 //!
-//! `docs/algorithms.md`, section "Sampling and gradients".
+//! `docs/explanation/algorithms.md`, section "Sampling and gradients".
 
 use super::region::{Region, Rows, SPLINE_TAPS};
 use crate::simd::{EIGHT, Eight};

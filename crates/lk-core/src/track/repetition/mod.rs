@@ -6,7 +6,7 @@
 //! of a board, a stain on a wall. What they say of one point holds for its neighbours on the same pattern too, as long as
 //! none says otherwise. A point is ambiguous unless all other displacements are excluded.
 //!
-//! `docs/algorithms.md`, section "Repetition".
+//! `docs/explanation/algorithms.md`, section "Repetition".
 
 mod asking;
 mod evidence;

@@ -1,6 +1,6 @@
-"""Draw docs/velocity_axes.svg: the axes, and what the picture does for each motion of a camera over level ground.
+"""Draw velocity_axes.svg: the axes, and what the picture does for each motion of a camera over level ground.
 
-python docs/draw_velocity_axes.py [FILE]
+python docs/explanation/draw_velocity_axes.py [FILE]
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MOTIONS = (
 
 
 def flow(x: F64, y: F64, velocity: tuple[float, float, float], rate: tuple[float, float, float]) -> F64:
-    """Give the motion of rays (x, y, 1) that look at level ground one unit below, per second (docs/algorithms.md)."""
+    """Give the motion of rays (x, y, 1) that look at level ground one unit below, per second (algorithms.md)."""
     (vx, vy, vz), (wx, wy, wz) = velocity, rate
     u = -vx + x * vz + x * y * wx - (1 + x * x) * wy + y * wz
     v = -vy + y * vz + (1 + y * y) * wx - x * y * wy - x * wz
