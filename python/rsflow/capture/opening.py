@@ -53,7 +53,7 @@ def frames(
         Crop to this region, in pixels.
     start, stop, stride : int, optional
         Frames to give, as `range(start, stop, stride)` of the source. Frames before `start` are passed over one by
-        one, since seeking in a video is not exact.
+        one, unless a video's packets tell exactly where it is.
     frame_rate : float, optional
         Frames per second: times are then index / frame_rate, whatever the file says. For pictures, which have no
         times of their own, and for slow-motion clips.

@@ -7,6 +7,7 @@ changes. The packets tell both: each has its time, and those that a picture can 
 from __future__ import annotations
 
 import heapq
+import itertools
 from collections import deque
 from dataclasses import dataclass
 from typing import Any
@@ -64,10 +65,13 @@ class Packets(OfProcess):
         self._sizes: deque[tuple[int, float, tuple[int, int]]] = deque()
         self._opening_size = size
         self.timed = self._kept = bool(first_s)
+        # Whether the container has a time for each picture.
+        self.reliable = reliable
         self._listed = False
         self._waiting_s: list[float] = []
         self._index = 0
         self._keys = 0
+        self._keys_s: list[float] = []
         self._capture: Any = open_capture(source)
         self._raw = bool(
             self._capture.isOpened()
@@ -119,6 +123,8 @@ class Packets(OfProcess):
         if not self.timed or t_s > -_SAME_S:
             self.count += 1
             self._keys += key
+            if key:
+                self._keys_s.append(t_s)
             if self._kept:
                 heapq.heappush(self._waiting_s, t_s)
         return True
@@ -168,6 +174,24 @@ class Packets(OfProcess):
             t_s = heapq.heappop(self._waiting_s)
         self._index += 1
         return self._index - 1, t_s
+
+    def times_to(self, index: int) -> tuple[list[float], list[float]] | None:
+        """Give the times of the pictures until `index` and some more, in order, and those of key frames.
+
+        None where they do not tell one picture from another, or the size changes before. To be called first of all.
+        """
+        while self.timed and self.count < index + _AHEAD and self._next():
+            pass
+        times_s = sorted(self._waiting_s)
+        distinct = all(b - a > 2 * _SAME_S for a, b in itertools.pairwise(times_s))
+        if not self.timed or len(times_s) <= index or not distinct or self.changed_by(index, times_s[index]):
+            return None
+        return times_s, self._keys_s
+
+    def skip(self, index: int) -> None:
+        """Be as after the pictures before `index`, none of which is missing, after `times_to`."""
+        self._waiting_s = sorted(self._waiting_s)[index:]
+        self._index = index
 
     def _miss(self, count: int) -> None:
         if count > 0:

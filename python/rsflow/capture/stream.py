@@ -18,6 +18,7 @@ from ..io.fork_guard import OfProcess
 from ..io.time_series import doubtful_step
 from .picture import check_roi, to_color, to_grey
 from .reader import Raw, Reader, Timestamps
+from .seeking import LEAST_FRAMES
 
 __all__ = ["Frame", "FrameSource", "Frames", "Timestamps"]
 
@@ -197,6 +198,7 @@ class Frames(Iterator[Frame]):
         if isinstance(self._reader, OfProcess):
             self._reader._expect_here(self.source)
         try:
+            self._go_to_start()
             while self._stop is None or self._position < self._stop:
                 offset = self._position - self._start
                 wanted = offset >= 0 and offset % self._stride == 0
@@ -212,6 +214,13 @@ class Frames(Iterator[Frame]):
             raise
         self.close()
         raise StopIteration
+
+    def _go_to_start(self) -> None:
+        """Leave out what is before the first frame, where a video tells exactly where that is."""
+        skip = getattr(self._reader, "skip", None)
+        ahead = self._position == 0 and self._start >= LEAST_FRAMES
+        if skip is not None and ahead and (self._stop is None or self._stop > self._start) and skip(self._start):
+            self._position = self._start
 
     def _frame(self, raw: Raw, image: NDArray[Any]) -> Frame:
         name = f"{self.source}, frame {raw.index}" if not raw.name else raw.name

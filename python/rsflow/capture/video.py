@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import itertools
 import math
 from collections import deque
 from pathlib import Path
@@ -15,6 +16,7 @@ from ..io.opencv_files import open_capture, quiet
 from .containers import Container, read_container
 from .packets import Packets
 from .reader import Raw, Timestamps
+from .seeking import gone_to
 
 # Frames looked at when a file is opened, to see whether its timestamps exist and are in order. Reordering in H.264
 # and HEVC spans at most 16 frames.
@@ -225,6 +227,23 @@ class VideoReader(OfProcess):
             t_s = index / self.frame_rate
         self._given += 1
         return Raw(image, t_s, index)
+
+    def skip(self, index: int) -> bool:
+        """Go to frame `index` before anything was read; False, and at the beginning, where that would not be exact."""
+        self._expect_here(self.source)
+        if self._packets is None or self.timestamps != "file" or self._delay or not self._packets.reliable:
+            return False
+        times_s = gone_to(self._capture, self._packets, index)
+        if times_s is None:
+            with opening:
+                self._capture.release()
+            self._capture = self._open()
+            return False
+        self._packets.skip(index)
+        self._read = self._given = index
+        self._longest_s = max((after - before for before, after in itertools.pairwise(times_s)), default=0.0)
+        self._last_s = times_s[-1]
+        return True
 
     def _size_changed(self, t_s: float) -> ShapeError:
         """Make the error for a stream that changes the size of its pictures: OpenCV gives the old size for ever."""
