@@ -50,7 +50,9 @@ LONG = {
 }
 
 # What these do when they are called is the caller's own; that they are functions is checked all the same.
-FUNCTIONS = {"displacement", "lighting", "exposure_drift", "on_frame", "on_done", "on_view", "progress"}
+FUNCTIONS = {
+    "displacement", "lighting", "lighting_prev", "exposure_drift", "on_frame", "on_done", "on_view", "progress",
+}  # fmt: skip
 # The same, where numbers are taken too, or several functions.
 ALSO_FUNCTIONS = {
     *(f"rsflow.synthetic.{name}.{motion}" for name in ("flight", "flight_with_object")

@@ -238,6 +238,52 @@ def test_worn_squares_can_be_told_apart() -> None:
     assert np.abs(worn.sample(x, x + 3) - worn.sample(x + 32, x + 3)).mean() > 0.05
 
 
+def test_what_a_homography_moves_is_where_it_says() -> None:
+    """Grey levels of the older frame, read where the truth says, are those of the newer one."""
+    matrix = np.array([[1.02, -0.04, 2.0], [0.03, 0.98, -1.5], [2e-4, -1e-4, 1.0]])
+    move = synthetic.homography_motion(matrix)
+    pair = synthetic.textured_pair(move, size=(120, 90), sensor=CLEAN, seed=3)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(10.0, 110.0, 7), np.arange(10.0, 80.0, 7)))
+    to = np.stack([x, y, np.ones_like(x)], axis=1) @ matrix.T
+    np.testing.assert_allclose(pair.truth(x, y), to[:, :2] / to[:, 2:] - np.stack([x, y], axis=1), atol=1e-12)
+    seen = ndimage.map_coordinates(pair.next.astype(float), (to[:, 1] / to[:, 2], to[:, 0] / to[:, 2]), order=5)
+    assert np.abs(seen - pair.prev[y.astype(int), x.astype(int)]).max() < 1.0
+    assert pair.prev.std() > 20
+
+
+def test_light_of_both_frames_of_a_textured_pair() -> None:
+    half, rows = synthetic.gain(0.5), synthetic.flicker(0.2, rows=10.0)
+    plain = synthetic.textured_pair(lambda x, y: (0.0, 0.0), size=(40, 30), sensor=CLEAN, seed=3)
+    pair = synthetic.textured_pair(
+        lambda x, y: (0.0, 0.0), size=(40, 30), lighting=half, lighting_prev=rows, sensor=CLEAN, seed=3
+    )
+    np.testing.assert_allclose(pair.next, 0.5 * plain.next, atol=1e-4)
+    np.testing.assert_allclose(pair.prev, rows(plain.prev.astype(float)), atol=1e-4)
+    assert np.ptp((pair.prev / plain.prev)[:, 0]) == pytest.approx(0.4, abs=0.03)
+
+
+def test_grounds_repeat_and_show_what_they_say() -> None:
+    x, y = np.arange(128.0)[None, :], np.arange(128.0)[:, None]
+    floors = {
+        "stripes": synthetic.striped_floor(128, seed=1),
+        "patches": synthetic.patchy_floor(128, plain=0.4, seed=1),
+        "discs": synthetic.disc_floor(128, largest=30.0, seed=1),
+    }
+    seen = {name: floor.sample(x, y) for name, floor in floors.items()}
+    for name, floor in floors.items():
+        np.testing.assert_allclose(floor.sample(x + 128.0, y - 256.0), seen[name], atol=1e-9)
+        assert (seen[name].mean(), seen[name].std()) == pytest.approx((0.0, 1.0), abs=0.02)
+    # Along a stripe nothing changes, across it all does.
+    assert np.abs(floors["stripes"].sample(x - 5.0, y + 5.0) - seen["stripes"]).max() < 0.02
+    assert np.abs(floors["stripes"].sample(x + 5.0, y + 5.0) - seen["stripes"]).mean() > 0.3
+    plain = np.abs(seen["patches"] - np.median(seen["patches"])) < 0.02
+    assert plain.mean() == pytest.approx(0.4, abs=0.08)
+    # Half of the steps from one pixel to the next are within a disc; those over its edge are many times as large.
+    steps = np.abs(np.diff(seen["discs"]))
+    assert np.quantile(steps, 0.95) > 10 * np.median(steps)
+    assert not np.array_equal(seen["discs"], synthetic.disc_floor(128, largest=30.0, seed=2).sample(x, y))
+
+
 def test_contrast_is_in_grey_levels() -> None:
     for levels in (0.0, 1.5, 20.0):
         f = flight(frames=1, contrast_levels=levels, kind="noise", sensor=CLEAN)

@@ -1,4 +1,4 @@
-"""Particles and speckle that any displacement moves, a function of the place, with exact truth."""
+"""Ground, particles and speckle that any displacement moves, a function of the place, with exact truth."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .._display import fields
 from ..errors import ShapeError
 from .lighting import Lighting, lit
 from .sensor import Sensor, sensor_or
-from .textures import Texture
+from .textures import CONTRAST_LEVELS, MEAN_LEVEL, Texture
 
-__all__ = ["DeformedPair", "Displacement", "particle_pair", "speckle_pair"]
+__all__ = ["DeformedPair", "Displacement", "homography_motion", "particle_pair", "speckle_pair", "textured_pair"]
 
 F64 = NDArray[np.float64]
 
@@ -92,6 +92,90 @@ class DeformedPair:
         along_x = (_moved(move, across + e, down) - _moved(move, across - e, down)) / (2 * e)
         along_y = (_moved(move, across, down + e) - _moved(move, across, down - e)) / (2 * e)
         return np.stack([along_x, along_y], axis=-1)
+
+
+def homography_motion(matrix: ArrayLike) -> Displacement:
+    """Give the displacement that a homography makes: a shift, turn, zoom, shear or change of perspective.
+
+    Parameters
+    ----------
+    matrix : (3, 3) array_like
+        Takes (x, y, 1) in pixels of the older frame to where it is in the newer one, up to a factor.
+
+    Returns
+    -------
+    function
+        Of x and y, as `textured_pair`, `speckle_pair` and `particle_pair` take it.
+
+    Examples
+    --------
+    >>> move = homography_motion([[1, 0, 3], [0, 1, -2], [0, 0.01, 1]])
+    >>> [float(value) for value in move(0.0, 0.0)], [round(float(value), 2) for value in move(0.0, 25.0)]
+    ([3.0, -2.0], [2.4, -6.6])
+    """
+    rows = _checks.array("matrix", matrix, (3, 3), "(3, 3) finite numbers", finite=True).astype(np.float64)
+
+    def move(x: F64, y: F64) -> tuple[F64, F64]:
+        to = [row[0] * x + row[1] * y + row[2] for row in rows]
+        return to[0] / to[2] - x, to[1] / to[2] - y
+
+    return move
+
+
+def textured_pair(
+    displacement: Displacement,
+    *,
+    ground: Texture | None = None,
+    contrast_levels: float = CONTRAST_LEVELS,
+    size: tuple[int, int] = (256, 256),
+    lighting: Lighting | None = None,
+    lighting_prev: Lighting | None = None,
+    sensor: Sensor | None = None,
+    seed: int = 0,
+) -> DeformedPair:
+    """Make two frames of a ground that `displacement` moves.
+
+    Parameters
+    ----------
+    displacement : function of (x, y) in pixels of the older frame
+        Gives (u, v); its gradient is below 0.5 everywhere. It is asked beyond the frame too.
+    ground : Texture, optional
+        What is seen, a unit of it a pixel of the older frame; by default ``Texture.make("ground", seed=seed)``.
+    contrast_levels : float
+        Grey levels for one standard deviation of the ground.
+    size : (int, int)
+        Width and height in pixels.
+    lighting, lighting_prev : Lighting, optional
+        What happens to the light of the newer and of the older frame.
+    sensor : Sensor, optional
+        Noise and type; by default noise of one grey level, uint8.
+    seed : int
+        Of ground and noise.
+
+    Returns
+    -------
+    DeformedPair
+
+    Examples
+    --------
+    >>> from rsflow.synthetic import homography_motion, ramp, textured_pair
+    >>> zoom = homography_motion([[1.05, 0, 0], [0, 1.05, 0], [0, 0, 1]])
+    >>> pair = textured_pair(zoom, size=(80, 60), lighting=ramp(0.8, 1.2), seed=2)
+    >>> pair.prev.shape, pair.truth(20.0, 40.0).round(6).tolist()
+    ((60, 80), [1.0, 2.0])
+    """
+    move = _checks.function("displacement", displacement, 2)
+    contrast = _checks.number("contrast_levels", contrast_levels, least=0, most=1e6, of="grey levels")
+    width, height = _checks.size("size", size, most=10_000)
+    older = None if lighting_prev is None else _checks.function("lighting_prev", lighting_prev, 1)
+    sensor, lighting, seed = _common(sensor, lighting, seed, noise=1.0)
+    if ground is None:
+        ground = Texture.make("ground", seed=seed)
+    ground = _checks.instance("ground", ground, Texture, "a Texture")
+    y, x = np.mgrid[0:height, 0:width].astype(np.float64)
+    frames = [MEAN_LEVEL + contrast * ground.sample(*at) for at in ((x, y), _origins(move, x, y))]
+    frames[0] = lit("lighting_prev", older, frames[0])
+    return _exposed(frames, move, lighting, sensor, seed)
 
 
 def speckle_pair(
@@ -211,9 +295,11 @@ def particle_pair(
     return _exposed(frames, move, lighting, sensor, seed)
 
 
-def _common(sensor: Sensor | None, lighting: Lighting | None, seed: object) -> tuple[Sensor, Lighting | None, int]:
+def _common(
+    sensor: Sensor | None, lighting: Lighting | None, seed: object, *, noise: float = 2.0
+) -> tuple[Sensor, Lighting | None, int]:
     found = None if lighting is None else _checks.function("lighting", lighting, 1)
-    return sensor_or(Sensor(noise=2.0), sensor), found, _checks.integer("seed", seed, least=0)
+    return sensor_or(Sensor(noise=noise), sensor), found, _checks.integer("seed", seed, least=0)
 
 
 def _exposed(

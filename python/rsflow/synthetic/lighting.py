@@ -13,6 +13,7 @@ __all__ = [
     "LIGHTING",
     "Lighting",
     "auto_exposure",
+    "flicker",
     "gain",
     "gamma",
     "light_switch",
@@ -194,6 +195,38 @@ def shadow(factor: float, *, x: float = 0.55, slope: float = 0.5) -> Lighting:
         height, width = image.shape
         inside = np.arange(width)[None, :] + slope * np.arange(height)[:, None] > x * width
         return np.where(inside, factor * image, image)
+
+    return apply
+
+
+def flicker(amplitude: float, *, rows: float = 60.0, phase: float = 0.0) -> Lighting:
+    """Multiply rows by 1 + amplitude sin(2 pi y / rows + phase): lamps on mains, read row by row by a rolling shutter.
+
+    Parameters
+    ----------
+    amplitude : float
+        Of the gain: 0.1 lets it go from 0.9 to 1.1.
+    rows : float
+        Rows that are read in one period of the light.
+    phase : float
+        At the first row, in radians; it differs from frame to frame.
+
+    Returns
+    -------
+    Lighting
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> flicker(0.1, rows=4.0)(np.full((4, 1), 100.0)).round(6).ravel().tolist()
+    [100.0, 110.0, 100.0, 90.0]
+    """
+    amplitude, phase = _checks.number("amplitude", amplitude), _checks.number("phase", phase, of="radians")
+    rows = _checks.number("rows", rows, above=0)
+
+    def apply(image: NDArray[np.float64]) -> NDArray[np.float64]:
+        gains = 1.0 + amplitude * np.sin(2 * np.pi * np.arange(image.shape[0]) / rows + phase)
+        return np.asarray(image * gains[:, None], dtype=np.float64)
 
     return apply
 
