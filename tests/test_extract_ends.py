@@ -119,7 +119,7 @@ def test_an_early_end_leaves_an_earlier_result_alone(flight, tmp_path):
 def test_command_interrupted_is_130_with_one_line(flight, tmp_path):
     np.save(tmp_path / "images.npy", flight.images)
     code = (
-        "import sys, os, signal, numpy as np, rsflow.extraction.job as job\n"
+        "import sys, os, signal, numpy as np\n"
         "import rsflow.capture.opening as capture\n"
         "real = capture.frames\n"
         "images = np.load(sys.argv[1])\n"

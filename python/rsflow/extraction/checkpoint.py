@@ -35,14 +35,15 @@ _GROWTH = 0.02
 class Schedule:
     """When the next checkpoint is due."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, never: bool = False) -> None:
+        self._never = never
         self._begin = self._last = time.monotonic()
         self._took = 0.0
 
     def due(self) -> bool:
         """Whether it is time for one; the next is counted from here."""
         now = time.monotonic()
-        if now - self._last < max(_EVERY_S, self._took / _SHARE, _GROWTH * (now - self._begin)):
+        if self._never or now - self._last < max(_EVERY_S, self._took / _SHARE, _GROWTH * (now - self._begin)):
             return False
         self._last = now
         return True
@@ -66,8 +67,15 @@ class Draft:
         self._tree: dict[str, Any] = {}
         self._arrays: list[NDArray[Any]] = []
 
+    @classmethod
+    def of(cls, saved: Saved) -> Draft:
+        """Begin with all that is in another one."""
+        draft = cls()
+        draft._tree, draft._arrays = dict(saved._tree), list(saved._arrays)
+        return draft
+
     def add(self, name: str, value: Any) -> None:
-        """Take in a value under a name."""
+        """Take in a value under a name; it takes the place of one of that name."""
         self._tree[name] = encode(value, self._arrays)
 
     def write(self, path: Path) -> None:

@@ -13,10 +13,10 @@ from .file_names import NAMES, partial_name
 from .settings import ExtractSettings
 from .workspace import identities
 
-__all__ = ["Claim", "input_files", "written_names"]
+__all__ = ["IDENTIFYING", "Claim", "input_files", "written_names"]
 
 # Options that are files: what is in them counts, and nothing is written over them.
-_FILES = ("camera", "height_m", "mask", "rates", "attitude", "times")
+IDENTIFYING = ("camera", "height_m", "mask", "rates", "attitude", "times")
 
 
 def written_names(settings: ExtractSettings) -> Iterator[str]:
@@ -33,7 +33,7 @@ def written_names(settings: ExtractSettings) -> Iterator[str]:
 def input_files(settings: ExtractSettings) -> list[Any]:
     """Give the files that a run reads beside its source."""
     options = settings.flat()
-    return [options[name] for name in _FILES if name in options]
+    return [options[name] for name in IDENTIFYING if name in options]
 
 
 class Claim:
@@ -56,7 +56,7 @@ class Claim:
     def __init__(self, folder: Path, source: Any, settings: ExtractSettings, *, overwrite: bool) -> None:
         self.folder, self.settings = folder, settings
         Inputs(source, files=input_files(settings)).refuse(folder / name for name in written_names(settings))
-        self.identity = Identity.of(source, settings.flat(), files=_FILES)
+        self.identity = Identity.of(source, settings.flat(), files=IDENTIFYING)
         self._stale: set[str] = set()
         found = sorted(path for name in written_names(settings) if (path := folder / name).exists())
         expect_plain(found)

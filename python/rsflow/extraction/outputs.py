@@ -119,8 +119,13 @@ class Outputs:
     def _row(self, name: str, row: dict[str, Any]) -> None:
         self.tables[name].append(row)
 
-    def checkpoint(self, frame: int, pipeline: dict[str, Any], seconds: float, *, drained: bool = False) -> None:
-        """Keep what a run needs to go on after `frame`: now what changes, and when all is drawn the rest."""
+    def checkpoint(
+        self, frame: int, pipeline: dict[str, Any], seconds: float, *, drained: bool = False, must: bool = False
+    ) -> None:
+        """Keep what a run needs to go on after `frame`: now what changes, and when all is drawn the rest.
+
+        With `must` it raises OSError where there is no room for it.
+        """
         views = self.views
         assert views is not None
         begin = time.thread_time()
@@ -146,7 +151,7 @@ class Outputs:
                 table.sync()
             if self.resumable:
                 # Without room for it the run goes on, from the last one if it must.
-                with contextlib.suppress(OSError):
+                with contextlib.nullcontext() if must else contextlib.suppress(OSError):
                     draft.write(self.workspace.checkpoint)
             self.schedule.took(took + time.monotonic() - begin)
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from ..capture.stream import Frame
     from ..plotting import QuiverStyle
+    from ..segmentation.result import MotionSegmentation
     from .pipeline import Measured
 
 __all__ = ["Drawn", "Pictures"]
@@ -65,7 +66,7 @@ class Pictures:
         frame, seen = measured.frame, measured.segmentation
         before, self._before = self._before, frame
         if not wanted:
-            self._scene.learn(seen, frame.color)
+            self.learn(frame, seen)
             return []
         drawn = [Drawn("moving", seen.moving_view(frame.color), frame.index, frame.t_s)]
         if before is not None and measured.flow is not None:
@@ -73,6 +74,11 @@ class Pictures:
             drawn.insert(0, Drawn("flow", arrowed, frame.index, before.t_s))
         self._waiting.append((frame.index, frame.t_s))
         return drawn + self._static(self._scene.add(seen, frame.color))
+
+    def learn(self, frame: Frame, seen: MotionSegmentation) -> None:
+        """Take a frame of which nothing is drawn."""
+        self._before = frame
+        self._scene.learn(seen, frame.color)
 
     def complete(self) -> list[Drawn]:
         """Give the pictures that still wait, with what is known."""

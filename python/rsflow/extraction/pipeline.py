@@ -170,6 +170,24 @@ class Pipeline:
             self.ground.open(self.stream, self.settings.roi, self.mask)
             self.ground.go_on(state["ground"])
 
+    def begin(self, decision: CameraDecision) -> None:
+        """Separate by what was decided elsewhere, from the first frames of the source."""
+        self.decision = decision
+        self._segmenter = self._new_segmenter()
+
+    def learn(self, frame: Frame, flow: FlowField | None) -> MotionSegmentation:
+        """Second step of a frame before the first that counts: what moves and what stands still alone."""
+        assert self._segmenter is not None, "begin comes first"
+        self._prev_t_s = frame.t_s
+        return self._segmenter.update(frame.image, flow=flow, t_s=frame.t_s)
+
+    def to_first(self) -> list[list[float]]:
+        """Give what takes a place of the last frame to the picture in which things are followed over the ground."""
+        assert self._segmenter is not None, "settle, begin or go_on comes first"
+        tracker = self._segmenter.__getstate__()["state"]["_tracker"]
+        found = np.eye(3) if tracker is None else tracker.__getstate__()["state"]["_to_first"]
+        return np.asarray(found, np.float64).tolist()  # type: ignore[no-any-return]
+
     def finish(self, frame: Frame, shift: Shift | None, flow: FlowField | None) -> Measured:
         """Second step: moving and static, velocity, and the rows of the tables."""
         assert self._segmenter is not None, "settle or go_on comes first"

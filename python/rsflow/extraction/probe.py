@@ -12,16 +12,17 @@ import numpy as np
 from .rows import flow_samples
 
 if TYPE_CHECKING:
+    from ..capture.stream import Frame
     from ..flow.field import FlowField
     from ..plotting import QuiverStyle
     from ..shift import Shift
 
-__all__ = ["PROBE_BYTES", "PROBE_PAIRS", "STILL_PX", "CameraDecision", "arrow_style", "camera_motion"]
+__all__ = ["STILL_PX", "CameraDecision", "arrow_style", "camera_motion", "enough"]
 
 # Pairs of frames that are looked at, and the memory that the frames kept meanwhile may take: enough pairs to see a
 # hand-held camera tremble, few enough that large frames fit.
-PROBE_PAIRS = 12
-PROBE_BYTES = 256_000_000
+_PAIRS = 12
+_BYTES = 256_000_000
 
 # A camera on a tripod stays below this, compression and noise included; a hand-held one is above it in most pairs.
 STILL_PX = 0.15
@@ -36,6 +37,14 @@ class CameraDecision:
 
     motion: Literal["moving", "static"]
     reason: str
+
+
+def enough(held: Sequence[tuple[Frame, Shift | None, FlowField | None]]) -> bool:
+    """Whether so many frames as are `held`, with what was measured of them, are what the decisions are made from."""
+    frame, _, flow = held[-1]
+    pictures = frame.image.nbytes + (0 if frame.color is None else frame.color.nbytes)
+    size = pictures + (0 if flow is None else flow.uv.nbytes)
+    return len(held) > min(_PAIRS, max(2, _BYTES // max(size, 1)))
 
 
 def _displacement(shift: Shift | None, flow: FlowField | None) -> float:

@@ -19,6 +19,8 @@ from .pictures import Drawn, Pictures
 from .worker import BackgroundWorker
 
 if TYPE_CHECKING:
+    from ..capture.stream import Frame
+    from ..segmentation.result import MotionSegmentation
     from ..video.writer import VideoWriter
     from .pipeline import Measured
 
@@ -186,6 +188,10 @@ class Views:
         """Queue one frame; raises what went wrong with an earlier one."""
         self._worker.put(measured)
 
+    def learn(self, frame: Frame, seen: MotionSegmentation) -> None:
+        """Take a frame before the first that is drawn: of what the scene is made of."""
+        self._pictures.learn(frame, seen)
+
     def after(self, action: Callable[[], None]) -> None:
         """Queue what is to be done when all frames so far are drawn."""
         self._worker.put(action)
@@ -209,6 +215,10 @@ class Views:
         """Go on as after the frame `before`."""
         for name, clip in self.clips.items():
             clip.restore(state["clips"][name])
+        self.go_on(state, before)
+
+    def go_on(self, state: dict[str, Any], before: Any) -> None:
+        """Go on as after the frame `before`, in videos of its own."""
         self.posters, self.poster_frame, self._score = state["posters"], state["poster_frame"], state["score"]
         self._pictures.restore(state["pictures"], before)
 

@@ -17,7 +17,7 @@ from . import checkpoint
 if TYPE_CHECKING:
     from .._results.folder import Identity
 
-__all__ = ["PARKED", "Grown", "Workspace", "identities", "remove_killed", "unfinished"]
+__all__ = ["PARKED", "Grown", "Workspace", "identities", "parked", "remove_killed", "unfinished"]
 
 # Where an interrupted run waits to be resumed.
 PARKED = "resume.partial.d"
@@ -83,6 +83,20 @@ class Workspace:
         lock, self._lock = self._lock, None
         if lock is not None:
             os.close(lock)
+
+
+@contextlib.contextmanager
+def parked(folder: Path) -> Iterator[Path]:
+    """Give an empty folder to put a run together in, which then waits in `folder` to be resumed."""
+    place = working_name(folder / "run")
+    place.mkdir()
+    try:
+        yield place
+        shutil.rmtree(folder / PARKED, ignore_errors=True)
+        place.rename(folder / PARKED)
+    except BaseException:
+        shutil.rmtree(place, ignore_errors=True)
+        raise
 
 
 def unfinished(folder: Path) -> Iterator[Path]:
