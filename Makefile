@@ -41,10 +41,11 @@ lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdo
 	$(VENV)/bin/mypy
 	$(RUN) -m mypy.stubtest rsflow._core --ignore-disjoint-bases
 
-bench: $(VENV)/.package $(VENV)/.test ## Measure speed and accuracy; rewrites the tables of the README
+bench: $(VENV)/.package $(VENV)/.bench ## Measure speed and accuracy beside rivals; rewrites the tables of README and docs
 	cargo bench --workspace --locked
 	cargo run --release --locked --manifest-path rivals/Cargo.toml
 	$(RUN) -m rsflow bench --update README.md
+	$(RUN) -m rsflow bench kinds --update docs/explanation/accuracy.md
 
 docs: $(VENV)/.package $(VENV)/.docs ## Build the documentation into docs/_build
 	$(RUN) -m sphinx -W -b html docs docs/_build
@@ -63,6 +64,6 @@ $(VENV)/.package: $(SOURCES) | $(VENV)/bin/python
 	$(RUN) -m pip install --quiet '.[all]'
 	@touch $@
 
-$(VENV)/.test $(VENV)/.lint $(VENV)/.docs: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
+$(VENV)/.test $(VENV)/.bench $(VENV)/.lint $(VENV)/.docs: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
 	$(RUN) -m pip install --quiet --group $*
 	@touch $@

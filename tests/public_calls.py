@@ -242,6 +242,15 @@ def _extract_bench() -> bench.ExtractBench:
     return bench.ExtractBench((row,), (part,), 2, "avx2", 90, {})
 
 
+def _kind_row() -> bench.KindRow:
+    return bench.KindRow("points", "light", "steady", "rsflow track_points", 0.006, 0.013, 0.96, 0.0, 0.95, 2.6, 1.0)
+
+
+def _kinds_bench() -> bench.KindsBench:
+    size = bench.SizeRow("points", (64, 48), "rsflow track_points", 0.4, 1.0)
+    return bench.KindsBench((_kind_row(),), (size,), "a CPU", "avx2", 1, 3, {})
+
+
 def _latency_row() -> bench.LatencyRow:
     return bench.LatencyRow((64, 64), "rsflow", "frame to velocity", 0.4, 0.7)
 
@@ -491,14 +500,23 @@ CALLS: dict[str, Callable[[Path], Call]] = {
     "rsflow.bench.ExtractBench.tables": lambda _: (_extract_bench().tables, {}),
     "rsflow.bench.ExtractRow": lambda _: (bench.ExtractRow, _fields(_extract_bench().rows[0])),
     "rsflow.bench.PartRow": lambda _: (bench.PartRow, _fields(_extract_bench().parts[0])),
+    "rsflow.bench.KindRow": lambda _: (bench.KindRow, _fields(_kind_row())),
+    "rsflow.bench.KindsBench": lambda _: (bench.KindsBench, _fields(_kinds_bench())),
+    "rsflow.bench.KindsBench.conditions": lambda _: (_kinds_bench().conditions, {}),
+    "rsflow.bench.KindsBench.tables": lambda _: (_kinds_bench().tables, {}),
     "rsflow.bench.LatencyRow": lambda _: (bench.LatencyRow, _fields(_latency_row())),
     "rsflow.bench.Row": lambda _: (bench.Row, _fields(_bench_row())),
     "rsflow.bench.SegmentationBench": lambda _: (bench.SegmentationBench, _fields(_segmentation_bench())),
     "rsflow.bench.SegmentationBench.tables": lambda _: (_segmentation_bench().tables, {}),
     "rsflow.bench.SegmentationRow": lambda _: (bench.SegmentationRow, _fields(_segmentation_bench().rows[0])),
+    "rsflow.bench.SizeRow": lambda _: (bench.SizeRow, _fields(_kinds_bench().sizes[0])),
     "rsflow.bench.VelocityBench": lambda _: (bench.VelocityBench, _fields(_velocity_bench())),
     "rsflow.bench.VelocityBench.tables": lambda _: (_velocity_bench().tables, {}),
     "rsflow.bench.measure": lambda _: (bench.measure, {"threads": 1, "rounds": 1, "quick": True}),
+    "rsflow.bench.measure_kinds": lambda _: (
+        bench.measure_kinds,
+        {"only": [], "rounds": 1, "quick": True},
+    ),
     "rsflow.bench.measure_segmentation": lambda _: (
         bench.measure_segmentation,
         {"only": [], "clips": 1, "quick": True},

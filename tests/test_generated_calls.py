@@ -43,6 +43,7 @@ NOT_LOOKED_AT = {"pyramid", "pyrBorder", "derivBorder", "tryReuseInputImage", "s
 # A call that works takes seconds: their arguments are tested below, one value that is refused each.
 LONG = {
     "rsflow.bench.measure",
+    "rsflow.bench.measure_kinds",
     "rsflow.bench.measure_segmentation",
     "rsflow.bench.measure_velocity",
     "rsflow.reproduce.real_motion",

@@ -11,6 +11,7 @@ from .._display import fields
 from ..errors import FormatError
 from ._markdown import markdown
 from .extract_tables import ExtractBench
+from .kinds_tables import KindsBench
 from .segmentation_tables import SegmentationBench
 from .velocity_tables import VelocityBench
 
@@ -112,7 +113,7 @@ def _pixels(length: float) -> str:
 
 def with_tables(
     text: str,
-    bench: Bench | VelocityBench | SegmentationBench | ExtractBench | None,
+    bench: Bench | KindsBench | VelocityBench | SegmentationBench | ExtractBench | None,
     *,
     name: str = "the file",
     marks: tuple[str, str] = (BEGIN, END),
@@ -122,13 +123,13 @@ def with_tables(
     Parameters
     ----------
     text : str
-    bench : Bench, VelocityBench, SegmentationBench, ExtractBench or None
+    bench : Bench, KindsBench, VelocityBench, SegmentationBench, ExtractBench or None
         None changes nothing and only checks `text`.
     name : str
         What to call the text in an error.
     marks : (str, str)
-        The two lines; `VELOCITY_MARKS` for a `VelocityBench`, `SEGMENTATION_MARKS` for a `SegmentationBench`,
-        `EXTRACT_MARKS` for an `ExtractBench`.
+        The two lines; `KINDS_MARKS` for a `KindsBench`, `VELOCITY_MARKS` for a `VelocityBench`, `SEGMENTATION_MARKS`
+        for a `SegmentationBench`, `EXTRACT_MARKS` for an `ExtractBench`.
 
     Returns
     -------
@@ -146,10 +147,9 @@ def with_tables(
     """
     text, name = _checks.text("text", text), _checks.text("name", name)
     if bench is not None:
-        kinds = (Bench, VelocityBench, SegmentationBench, ExtractBench)
-        _checks.instance(
-            "bench", bench, kinds, "a Bench, a VelocityBench, a SegmentationBench, an ExtractBench or None"
-        )
+        kinds = (Bench, KindsBench, VelocityBench, SegmentationBench, ExtractBench)
+        expected = "a Bench, a KindsBench, a VelocityBench, a SegmentationBench, an ExtractBench or None"
+        _checks.instance("bench", bench, kinds, expected)
     pair = [_checks.text("marks", mark) for mark in _checks.iterable("marks", marks, "two lines")]
     if len(pair) != 2:
         raise _checks.refused("marks", marks, "two lines")
