@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from ..errors import CaptureError
 from ..io.fork_guard import OfProcess
 from ..io.opencv_files import open_capture, quiet
+from ..io.picture_names import natural_key
 from .reader import Raw, Timestamps
 
 # Frames kept for a reader that wants all of them: beyond, the camera's own driver drops.
 _QUEUE_FRAMES = 32
 
-# Pause between two attempts to open a source that went away, in seconds.
-_RETRY_S = 0.2
+# Pause before the first attempt to open a source that went away, in seconds; each later one is twice as long, up to the
+# last. A camera that is put in again is found within that time.
+_RETRY_S, _LONGEST_RETRY_S = 0.2, 2.0
 
 
 class LiveReader(OfProcess):
@@ -31,6 +35,7 @@ class LiveReader(OfProcess):
         newest: bool,
         timeout_s: float,
         camera_size: tuple[int, int] | None,
+        reconnect_s: float | None = None,
         opener: Callable[[int | str], Any] = open_capture,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -42,6 +47,7 @@ class LiveReader(OfProcess):
         self.lost = 0
         self._device = source
         self._timeout_s = timeout_s
+        self._reconnect_s = timeout_s if reconnect_s is None else reconnect_s
         self._camera_size = camera_size
         self._opener = opener
         self._clock = clock
@@ -54,7 +60,9 @@ class LiveReader(OfProcess):
         self.reconnects = 0
         capture = self._opened()
         if capture is None:
-            raise CaptureError(f"{self.source}: cannot be opened: no such camera or stream, or it is in use")
+            raise CaptureError(
+                f"{self.source}: cannot be opened: no such camera or stream, or it is in use{_there_are(source)}"
+            )
         self.size, self.frame_rate = _properties(capture)
         self._thread = threading.Thread(target=self._run, args=(capture,), name="rsflow-capture", daemon=True)
         self._thread.start()
@@ -79,6 +87,7 @@ class LiveReader(OfProcess):
 
     def _run(self, capture: Any) -> None:
         """Grab until stopped; reopen a source that fails. The capture is used and released in this thread alone."""
+        pause_s = _RETRY_S
         try:
             while not self._stopped:
                 ok = False
@@ -89,13 +98,15 @@ class LiveReader(OfProcess):
                     if ok:
                         ok, image = capture.retrieve()
                 if ok:
+                    pause_s = _RETRY_S
                     self._put(Raw(image, t_s, self._grabbed))
                     continue
                 if capture is not None:
                     capture.release()
                     capture = None
                 with self._changed:
-                    self._changed.wait_for(lambda: self._stopped, timeout=_RETRY_S)
+                    self._changed.wait_for(lambda: self._stopped, timeout=pause_s)
+                pause_s = min(2 * pause_s, _LONGEST_RETRY_S)
                 if not self._stopped:
                     capture = self._opened()
                     self.reconnects += capture is not None
@@ -120,7 +131,8 @@ class LiveReader(OfProcess):
         """Wait for a frame, at most the time-out."""
         self._expect_here(self.source)
         with self._changed:
-            self._changed.wait_for(lambda: self._queue or self._failure or self._stopped, timeout=self._timeout_s)
+            timeout_s = self._reconnect_s if self._grabbed else self._timeout_s
+            self._changed.wait_for(lambda: self._queue or self._failure or self._stopped, timeout=timeout_s)
             if self._queue:
                 raw = self._queue.popleft()
                 self._changed.notify_all()
@@ -130,7 +142,7 @@ class LiveReader(OfProcess):
             if self._failure is not None:
                 raise CaptureError(f"{self.source}: went away: {self._failure}")
         seen = f"after frame {self._grabbed - 1}" if self._grabbed else "and never gave one"
-        raise CaptureError(f"{self.source}: gave no frame for {self._timeout_s:g} s {seen}: it went away or hangs")
+        raise CaptureError(f"{self.source}: gave no frame for {timeout_s:g} s {seen}: it went away or hangs")
 
     def close(self) -> None:
         """Stop the thread and release the camera."""
@@ -152,3 +164,13 @@ def _properties(capture: Any) -> tuple[tuple[int, int] | None, float | None]:
     width, height = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
     rate = float(capture.get(cv2.CAP_PROP_FPS))
     return ((width, height) if width > 0 and height > 0 else None), (rate if 0 < rate < 1e6 else None)
+
+
+def _there_are(source: int | str) -> str:
+    """Say which cameras the machine has, where it tells."""
+    if not isinstance(source, int) or not sys.platform.startswith("linux"):
+        return ""
+    found = sorted(Path("/dev").glob("video*"), key=natural_key)
+    if not found:
+        return "; this machine has no camera (there is no /dev/video*)"
+    return f"; this machine has {', '.join(map(str, found))}, not all of which give pictures"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .. import _checks
 from ..errors import DTypeError, OptionError
 from ..io.limits import max_pixels_of
+from .reader import Reader
 from .sources import open_source
 from .stream import Frames, FrameSource
 from .times import given_times
@@ -32,6 +33,8 @@ def frames(
     times: Sequence[float] | NDArray[Any] | str | os.PathLike[str] | None = None,
     newest: bool | None = None,
     timeout_s: float = 5.0,
+    reconnect_s: float | None = None,
+    real_time: bool = False,
     camera_size: tuple[int, int] | None = None,
     max_pixels: int | None = None,
 ) -> Frames:
@@ -65,6 +68,12 @@ def frames(
         behind. By default True for a live source, and not possible for a file.
     timeout_s : float
         Live sources: how long to wait for a frame, trying to open the source again meanwhile, before `CaptureError`.
+    reconnect_s : float, optional
+        The same for a live source that went away after it had given frames; by default `timeout_s`.
+    real_time : bool
+        Play a file, pictures or arrays at their own pace, as a camera gives them: a rehearsal. It is then a live
+        source, whose frames carry the clock's time; what a slow reader does not take is dropped, unless `newest` is
+        False.
     camera_size : (width, height), optional
         Live sources: the size to ask the camera for; it may give another.
     max_pixels : int, optional
@@ -117,12 +126,23 @@ def frames(
     if frame_rate is not None and times is not None:
         raise OptionError("frame_rate and times: got both, expected one of them")
     timeout_s = _checks.number("timeout_s", timeout_s, above=0, most=1e9, of="seconds")
+    reconnect_s = _checks.number_or_none("reconnect_s", reconnect_s, above=0, most=1e9, of="seconds")
+    real_time = _checks.flag("real_time", real_time)
     limit = max_pixels_of(max_pixels)
     given = None if times is None else given_times(times)
     source = _checked_source(source)
 
-    reader = open_source(source, newest=newest, timeout_s=timeout_s, camera_size=camera_size, limit=limit)
-    if reader.live and (frame_rate is not None or times is not None):
+    reader = open_source(
+        source,
+        newest=None if real_time else newest,
+        timeout_s=timeout_s,
+        reconnect_s=reconnect_s,
+        camera_size=camera_size,
+        limit=limit,
+    )
+    if real_time and not reader.live:
+        reader, given, frame_rate = _paced(reader, given, frame_rate, newest=newest is not False), None, None
+    elif reader.live and (frame_rate is not None or times is not None):
         reader.close()
         raise OptionError(
             f"frame_rate, times: got one for {reader.source}, which is live, expected None: its frames carry the "
@@ -140,6 +160,17 @@ def frames(
             times=given,
             frame_rate=frame_rate,
         )
+    except BaseException:
+        reader.close()
+        raise
+
+
+def _paced(reader: Reader, times: Any, frame_rate: float | None, *, newest: bool) -> Reader:
+    """Play the frames of a reader at their own pace."""
+    from .paced import PacedReader
+
+    try:
+        return PacedReader(reader, times=times, frame_rate=frame_rate, newest=newest)
     except BaseException:
         reader.close()
         raise

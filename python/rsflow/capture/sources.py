@@ -25,14 +25,26 @@ _LIVE_SCHEMES = ("rtsp", "rtsps", "rtmp", "rtmps", "udp", "rtp", "srt", "tcp", "
 
 
 def open_source(
-    source: Any, *, newest: bool | None, timeout_s: float, camera_size: tuple[int, int] | None, limit: int
+    source: Any,
+    *,
+    newest: bool | None,
+    timeout_s: float,
+    reconnect_s: float | None,
+    camera_size: tuple[int, int] | None,
+    limit: int,
 ) -> Reader:
     """Find out what `source` is and open it."""
     live = _live_name(source, newest)
     if live is not None:
         from .live import LiveReader
 
-        return LiveReader(live, newest=newest is not False, timeout_s=timeout_s, camera_size=camera_size)
+        return LiveReader(
+            live,
+            newest=newest is not False,
+            timeout_s=timeout_s,
+            reconnect_s=reconnect_s,
+            camera_size=camera_size,
+        )
     if newest:
         raise OptionError(
             f"newest: got True, expected False or None: {_name(source)} is not live, no frame of it is lost by waiting"

@@ -45,6 +45,7 @@ EXTRAS = {
     "parquet": ("pyarrow", "Parquet tables"),
     "mavlink": ("pymavlink", "velocities for PX4 and ArduPilot"),
     "ros": ("rosbags", "ROS 2 bags"),
+    "viewer": ("rerun-sdk", "`rsflow live` in the Rerun viewer"),
 }
 
 

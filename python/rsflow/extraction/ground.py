@@ -161,6 +161,12 @@ class Ground:
         """Whether the estimator is made."""
         return self._estimator is not None
 
+    def after_gap(self) -> None:
+        """Take the next frame as a first one: the one before is of too long ago to be compared with."""
+        assert self._estimator is not None, "open comes first"
+        self._estimator.reset()
+        self._prev_t_s, self._prev_down, self.down = math.nan, None, None
+
     def update(self, frame: Frame) -> tuple[Velocity, dict[str, Any]]:
         """Measure the velocity at a frame; give it and its row of ``velocity.csv``."""
         from ..velocity import velocity_row

@@ -76,9 +76,21 @@ class Measured:
 
 
 class Pipeline:
-    """The estimators of one extraction, fed frame by frame in two steps with the probe's decision between."""
+    """The estimators of one extraction, fed frame by frame in two steps with the probe's decision between.
 
-    def __init__(self, settings: ExtractSettings, stream: Frames, *, whole: bool = True) -> None:
+    Parameters
+    ----------
+    settings : ExtractSettings
+    stream : Frames
+    whole : bool
+        It begins with the first frame of the run.
+    covariance : bool
+        Let the dense flow say how far it may be off, as the arrows of the videos need it: most of its time.
+    """
+
+    def __init__(
+        self, settings: ExtractSettings, stream: Frames, *, whole: bool = True, covariance: bool = True
+    ) -> None:
         from ..flow import DenseFlow
 
         self.settings, self.stream = settings, stream
@@ -92,7 +104,7 @@ class Pipeline:
             mask=self.mask,
             next_mask=self.mask,
             # For the arrows: what is within the flow's own uncertainty is none.
-            covariance=True,
+            covariance=covariance,
         )
         self._prev: NDArray[Any] | None = None
         self._prev_t_s = math.nan
@@ -111,11 +123,14 @@ class Pipeline:
             if whole:
                 self.ground.expect_some(stream)
 
-    def measure(self, frame: Frame) -> tuple[Shift | None, FlowField | None]:
-        """First step: displacement and dense flow since the frame before, None for the first."""
+    def measure(self, frame: Frame, *, after_gap: bool = False) -> tuple[Shift | None, FlowField | None]:
+        """First step: displacement and dense flow since the frame before, None for the first and `after_gap`."""
         from ..shift import estimate_shift
 
-        if self._prev is None and self.ground is not None:
+        if after_gap:
+            self._prev = None
+            self._dense.reset()
+        if self._prev is None and self.ground is not None and not self.ground.is_open:
             self.ground.open(self.stream, self.settings.roi, self.mask)
         shift = None
         if self._prev is not None:
@@ -188,10 +203,17 @@ class Pipeline:
         found = np.eye(3) if tracker is None else tracker.__getstate__()["state"]["_to_first"]
         return np.asarray(found, np.float64).tolist()  # type: ignore[no-any-return]
 
-    def finish(self, frame: Frame, shift: Shift | None, flow: FlowField | None) -> Measured:
-        """Second step: moving and static, velocity, and the rows of the tables."""
+    def finish(self, frame: Frame, shift: Shift | None, flow: FlowField | None, *, after_gap: bool = False) -> Measured:
+        """Second step: moving and static, velocity, and the rows of the tables.
+
+        `after_gap` the frame before is of too long ago to be compared with. What is known of the scene stays with a
+        camera at rest alone; things are sought where they would be by now.
+        """
         assert self._segmenter is not None, "settle or go_on comes first"
-        segmentation = self._segmenter.update(frame.image, flow=flow, t_s=frame.t_s)
+        known = _no_flow(frame.image.shape) if after_gap else flow
+        segmentation = self._segmenter.update(frame.image, flow=known, t_s=frame.t_s)
+        if after_gap and self.ground is not None:
+            self.ground.after_gap()
         dt_s = frame.t_s - self._prev_t_s
         self._prev_t_s = frame.t_s
         velocity, table_row = None, None
@@ -234,3 +256,11 @@ class Pipeline:
     def without_log(self) -> OptionError | None:
         """Give the error that a log had nothing for any frame, or None."""
         return None if self.ground is None else self.ground.missed()
+
+
+def _no_flow(shape: tuple[int, ...]) -> FlowField:
+    """Give a flow of which nothing is known."""
+    from ..flow.field import FlowField
+
+    unknown, light = np.zeros((*shape, 2), np.float32), np.zeros((1, 1), np.float32)
+    return FlowField(unknown, np.zeros(shape, bool), unknown[..., 0], (light + 1, light, 0))
