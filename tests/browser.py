@@ -25,16 +25,16 @@ def find_browser() -> str | None:
 
 
 @contextlib.contextmanager
-def opened_browser() -> Iterator[Any]:
-    """Open a browser and close it again; the test is skipped where none is installed."""
+def opened_browser(*arguments: str) -> Iterator[Any]:
+    """Open a browser and close it again, with further `arguments`; the test is skipped where none is installed."""
     program = find_browser()
     if program is None:
         pytest.skip(f"no Chromium is installed: none of {', '.join(_NAMES)} is on the path")
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (group test)")
     # Chromium's sandbox refuses to run as root, as in a container.
-    arguments = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
+    alone = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
     with sync_api.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=program, args=arguments)
+        browser = play.chromium.launch(executable_path=program, args=[*alone, *arguments])
         try:
             yield browser
         finally:

@@ -88,6 +88,13 @@ def frame(number: int = 0) -> np.ndarray[Any, Any]:
 
 
 @functools.cache
+def live_run() -> tuple[rsflow.live.LiveFrame, rsflow.live.LiveSummary]:
+    seen: list[rsflow.live.LiveFrame] = []
+    done = rsflow.live.watch([frame(0), frame(1)], on_frame=seen.append)
+    return seen[-1], done
+
+
+@functools.cache
 def field() -> rsflow.FlowField:
     return rsflow.dense_flow(frame(0), frame(1))
 
@@ -646,6 +653,11 @@ CALLS: dict[str, Callable[[Path], Call]] = {
         {"image": frame(), "maxCorners": 5, "qualityLevel": 0.1, "minDistance": 2.0},
     ),
     "rsflow.io.read_flow_times": lambda folder: (rsflow.io.read_flow_times, {"path": folder / "flow.npz"}),
+    "rsflow.live.LiveFrame": lambda _: (rsflow.live.LiveFrame, _fields(live_run()[0])),
+    "rsflow.live.LiveSummary": lambda _: (rsflow.live.LiveSummary, _fields(live_run()[1])),
+    "rsflow.live.LiveSummary.text": lambda _: (live_run()[1].text, {}),
+    "rsflow.live.LiveSummary.to_dict": lambda _: (live_run()[1].to_dict, {}),
+    "rsflow.live.watch": lambda _: (rsflow.live.watch, {"source": "nowhere.mp4"}),
     "rsflow.live.LiveReading": lambda _: (
         rsflow.live.LiveReading,
         _fields(next(iter(rsflow.live.readings([frame(0), frame(1)])))),

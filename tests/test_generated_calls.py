@@ -32,6 +32,7 @@ ALIASES = {
     "rsflow.check_scale.source": ("source", ", frame "),
     "rsflow.extract.source": ("source", ", frame "),
     "rsflow.live.readings.source": ("source", ", frame "),
+    "rsflow.live.watch.source": ("source", ", frame "),
 }
 
 # Only `rsflow.frames` makes them, which checks the rest.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -76,7 +75,7 @@ class Showing:
         if self.record is None:
             return
         if self.record.suffix.lower() != ".rrd":
-            raise OptionError(f"record: got {self.record}, expected a name that ends in .rrd, as the viewer reads it")
+            raise _checks.refused("record", str(self.record), "a name that ends in .rrd, as the viewer reads it")
         Inputs(source, files=input_files(settings)).refuse([self.record])
         if self.record.exists() and not overwrite:
             raise OptionError(f"record: got {self.record}, expected a new file, or overwrite (--overwrite)")
@@ -164,8 +163,8 @@ def _served_at(serve: Any) -> tuple[str, int]:
     """Give address and port of ``PORT`` or ``HOST:PORT``."""
     expected = "a port from 1 to 65534, or HOST:PORT"
     host, port = _EVERYWHERE, serve
-    if isinstance(serve, (str, os.PathLike)):
-        head, colon, tail = os.fspath(serve).rpartition(":")
+    if isinstance(serve, str):
+        head, colon, tail = serve.rpartition(":")
         host, port = (head, tail) if colon else (_EVERYWHERE, tail)
         if not (port.isascii() and port.isdigit() and host):
             raise _checks.refused("serve", serve, expected)

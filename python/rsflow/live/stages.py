@@ -1,6 +1,6 @@
 """The two threads of a live run: the motion between frames in one, what moves and the velocity in the other.
 
-docs/live.md, section "How late the figures are".
+docs/how-to/live.md, section "How late the figures are".
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..extraction.probe import PROBE_BYTES, PROBE_PAIRS
+from ..extraction.probe import enough
 from .frame import LiveFrame
 from .gaps import GapRule
 from .meter import Delays, Rate
@@ -155,11 +155,8 @@ class Stages:
         if self._settled:
             return self._slot.put(pair)
         self._held.append(pair)
-        image, color, flow = pair.frame.image, pair.frame.color, pair.flow
-        size = image.nbytes + (0 if color is None else color.nbytes) + (0 if flow is None else flow.uv.nbytes)
-        if self._probe and len(self._held) <= min(PROBE_PAIRS, max(2, PROBE_BYTES // max(size, 1))):
-            return True
-        return self._settle()
+        wanted = self._probe and not enough([(held.frame, held.shift, held.flow) for held in self._held])
+        return True if wanted else self._settle()
 
     def _settle(self) -> bool:
         """Decide whether the camera moves, and hand over the frames that waited for it."""

@@ -56,7 +56,7 @@ def blueprint(rrb: Any, *, velocity: bool, live: bool, follow: bool) -> Any:
     )
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 1]),
-        rrb.TimePanel(state="collapsed", timeline=TIME, play_state="following"),
+        rrb.TimePanel(state="collapsed", timeline=TIME, **({"play_state": "following"} if follow else {})),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         auto_views=False,

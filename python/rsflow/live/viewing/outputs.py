@@ -27,7 +27,8 @@ APPLICATION = "rsflow_live"
 _SERVED = "256MiB"
 # A recording ends while the disk has so much left, so that tables can be written to their end.
 _LEAST_FREE_BYTES = 64 << 20
-# How long a recording may take to be closed.
+# How long what is logged may take to be written, and a recording to be closed.
+_FLUSH_S = 2.0
 _CLOSING_S = 20.0
 
 
@@ -135,7 +136,7 @@ class ServerOutput:
         """
         if not has_screen():
             raise OptionError(
-                "view: got True, but there is no screen here: serve it to a browser of another machine (--serve), or "
+                "view: got True without a screen, expected one: serve it to a browser of another machine (--serve), or "
                 "record it (--record FILE.rrd) and open that elsewhere"
             )
         command = [sys.executable, "-m", "rerun", self.uri, "--port", "auto", "--memory-limit", "25%"]
@@ -207,9 +208,11 @@ class FileOutput:
     def _failed(self) -> bool:
         """Whether the thread that writes has given up."""
         try:
-            self.stream.flush(timeout_sec=0.0)
+            # One that is not waited for stays for ever where the writer has ended.
+            self.stream.flush(timeout_sec=_FLUSH_S)
         except Exception as error:
-            return "time" not in str(error).lower()
+            # A slow disk is none that is full.
+            return "timed out" not in str(error).lower()
         return False
 
     def _end(self, *, whole: bool) -> None:
