@@ -13,6 +13,10 @@ import sys
 import rsflow
 from rsflow.interop.mavlink import MavlinkWriter
 
+# %% [markdown]
+# A camera, its file and its height; or a made flight at 0.4 m/s, half a metre up.
+
+# %%
 if len(sys.argv) > 4:
     source: rsflow.Frames | rsflow.synthetic.Flight = rsflow.frames(int(sys.argv[1]))
     camera, height_m, target = rsflow.Camera.load(sys.argv[2]), float(sys.argv[3]), sys.argv[4]
@@ -20,6 +24,10 @@ else:
     source = rsflow.synthetic.flight(frames=31, height_m=0.5, velocity_m_s=(0.0, -0.4, 0.0), seed=1)
     camera, height_m, target = source.camera, 0.5, "px4:flow.tlog"
 
+# %% [markdown]
+# Each frame is measured, sent as a message of a flow sensor, and filtered over time.
+
+# %%
 estimator = rsflow.VelocityEstimator(camera, height_m=height_m, height_std_m=0.02 * height_m)
 kalman = rsflow.VelocityFilter(acceleration_walk_m_s2=1.0)
 # The height was typed in: it is not sent as what a range finder measured.
