@@ -44,14 +44,18 @@ lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdo
 bench: $(VENV)/.package $(VENV)/.bench ## Measure speed and accuracy beside rivals; rewrites the tables of README and docs
 	cargo bench --workspace --locked
 	cargo run --release --locked --manifest-path rivals/Cargo.toml
-	$(RUN) -m rsflow bench --update README.md
+	$(RUN) -m rsflow bench --update docs/explanation/accuracy.md
+	$(RUN) docs/claim.py
 	$(RUN) -m rsflow bench kinds --update docs/explanation/accuracy.md
 
 docs: $(VENV)/.package $(VENV)/.docs ## Build the documentation into docs/_build
+	cargo doc -p lk-core --no-deps --locked --quiet
 	$(RUN) -m sphinx -W -b html docs docs/_build
+	@echo
+	@echo "Open docs/_build/index.html in a browser."
 
 clean: ## Remove what was built
-	rm -rf target $(VENV) $(OUT) docs/_build
+	rm -rf target $(VENV) $(OUT) docs/_build docs/gallery/pictures docs/notebooks/*.ipynb docs/jupyter_execute
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
