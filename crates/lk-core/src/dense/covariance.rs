@@ -5,7 +5,7 @@
 //! a change of light or weak texture bends, shows in second differences of the flow that are far apart, which are 0 for any
 //! affine motion. Of those along both axes the geometric mean is taken, as an edge of motion shows along one alone. The
 //! constants are fitted to photographs under 18 kinds of motion, light and noise
-//! (`docs/explanation/dense_flow_record.md`).
+//! (`docs/records/dense_flow_record.md`).
 //!
 //! All of it is found in cells of 4 x 4 and blocks of 8 x 8 pixels.
 //!
