@@ -9,7 +9,7 @@ SEED ?= 20261122
 RUN := $(VENV)/bin/python
 
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE-MIT LICENSE-APACHE \
-	$(shell find crates python -type f \( -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.toml' -o -name '*.json' -o -name '*.md' -o -name 'py.typed' \))
+	$(shell find crates python -type f \( -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.toml' -o -name '*.json' -o -name '*.md' -o -name 'py.typed' -o -name '*.css' -o -name '*.js' \))
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-rust test-python lint bench docs clean

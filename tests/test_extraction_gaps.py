@@ -10,6 +10,7 @@ import pytest
 
 import rsflow
 from rsflow import Velocity, VelocityStatus, synthetic
+from rsflow.extraction.answers import answers
 from rsflow.extraction.gaps import MEASURED, NEIGHBOURS, SECOND, UNKNOWN, fill
 from rsflow.extraction.trajectory import Trajectory
 
@@ -170,8 +171,9 @@ def test_the_report_adds_up_the_way_over_pairs_that_failed_and_says_so(tmp_path)
     assert summary["displacement_sum_measured_px"][0] == pytest.approx(step * (23 - missing), rel=0.02)
     error = abs(summary["displacement_sum_px"][0] - step * 23)
     assert error < max(2 * summary["displacement_sum_std_px"][0], 0.2)
-    assert "where it was measured the picture went " in summary["text"]
-    assert "5 of 23 pairs (0.17 s) could not be measured: in sum about" in summary["text"]
+    of_the_picture = answers({name: value for name, value in summary.items() if name != "velocity_measured"})[1].line()
+    assert "Where it was measured the picture went " in of_the_picture
+    assert "5 of 23 pairs (0.17 s) could not be measured: in sum about" in of_the_picture
     true = float(np.hypot(0.05, 0.03) * 23 / 30)
     assert summary["distance_m"] == pytest.approx(true, rel=0.02)
     assert summary["distance_measured_m"] < 0.85 * true
@@ -187,5 +189,5 @@ def test_a_sum_that_is_not_known_is_not_given(tmp_path):
     a = synthetic.shifted_pair(2.0, 0.0, size=(96, 72), seed=1)
     out = rsflow.extract(covered([a.prev, a.next, a.prev], range(2, 3)), tmp_path, frame_rate=10, videos=False)
     assert out.summary["displacement_sum_px"] == [None, None]
-    assert "how far the picture went in sum is not known, since 1 of 2 pairs" in out.summary["text"]
+    assert "How far the picture went in sum is not known, since 1 of 2 pairs" in out.summary["text"]
     assert out.summary["displacement_sum_measured_px"][0] == pytest.approx(2.0, abs=0.05)

@@ -12,9 +12,9 @@ import pytest
 import rsflow
 from extraction_helpers import HEIGHT_M, names_in
 from rsflow import synthetic
-from rsflow.extraction import svg
 from rsflow.extraction.columns import meaning
 from rsflow.extraction.progress import Progress, clock
+from rsflow.extraction.report import axes, time_plot
 from rsflow.extraction.rows import status_word
 from rsflow.extraction.series import Series, runs
 from rsflow.extraction.tables import CsvTable, cell
@@ -87,9 +87,9 @@ def test_progress_with_tqdm(capsys):
 
 
 def test_ticks_are_round():
-    assert svg.ticks(0.0, 1.0) == [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]
-    assert svg.ticks(-3.2, 7.9, 4) == [0.0, 5.0]
-    assert svg.ticks(2.0, 2.0) == [2.0]
+    assert axes.ticks(0.0, 1.0) == [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]
+    assert axes.ticks(-3.2, 7.9, 4) == [0.0, 5.0]
+    assert axes.ticks(2.0, 2.0) == [2.0]
 
 
 def test_thinning_keeps_peaks_and_gaps():
@@ -97,22 +97,31 @@ def test_thinning_keeps_peaks_and_gaps():
     y = np.zeros(100_000)
     y[54_321] = 9.0
     y[10_000:20_000] = np.nan
-    thin_x, thin_y = svg.thinned(x, y)
-    assert len(thin_x) <= 1600
-    assert np.nanmax(thin_y) == 9.0
-    assert np.isnan(thin_y).any()
+    thin_x, thin_y = axes.thinned(x, y)
+    assert len(thin_x) == len(thin_y) <= 1600
+    assert (np.diff(thin_x) > 0).all()
+    assert thin_x[np.nanargmax(thin_y)] == 54_321
+    assert np.isnan(thin_y[(thin_x > 10_200) & (thin_x < 19_800)]).all()
+    band_x, low, high = axes.envelope(x, y - 1, y + 1)
+    assert len(band_x) == len(low) == len(high) <= 800
+    assert (np.nanmax(high), np.nanmin(low)) == (10.0, -1.0)
+    assert np.isnan(low).any()
 
 
 def test_plot_leaves_gaps_open():
     y = np.array([0.0, 1.0, np.nan, 3.0, 2.0, np.nan, 5.0])
-    text = svg.time_plot(np.arange(7.0), [svg.Curve("a <b>", y)], title="t", y_label="px", valid=np.isfinite(y))
-    assert text.count("<polyline") == 2
-    assert text.count("<circle") == 1
-    assert "a &lt;b&gt;" in text
-    assert "not measured" in text
-    nothing = svg.time_plot(np.full(3, np.nan), [svg.Curve("a", np.full(3, np.nan))], title="t", y_label="px")
-    assert nothing.startswith("<svg")
-    assert "nan" not in nothing
+    curve = time_plot.Curve("a <b>", y)
+    drawn = time_plot.time_plot(np.arange(7.0), [curve], title="t", y_label="px", valid=np.isfinite(y))
+    for text in (drawn.file(), drawn.inline()):
+        assert text.count("<polyline") == 3
+        assert text.count('stroke-linecap="round"') == 1
+        assert "a &lt;b&gt;" in text
+        assert "not measured" in text
+        assert "a <b>" not in text
+    nothing = np.full(3, np.nan)
+    drawn = time_plot.time_plot(nothing, [time_plot.Curve("a", nothing)], title="t", y_label="px")
+    assert drawn.file().startswith("<svg")
+    assert "nan" not in drawn.file()
 
 
 def test_runs_as_ranges():

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 import rsflow
+from rsflow.extraction.answers import Fact, answers
+from rsflow.extraction.report.map_plot import map_plot
 from rsflow.extraction.series import Series
-from rsflow.extraction.summary import answers, camera_figures, key_figures
-from rsflow.extraction.svg import map_plot
+from rsflow.extraction.summary import camera_figures, key_figures
 from rsflow.extraction.thing_scale import scales
 from rsflow.extraction.things import heading, lasting, thing_figures, thing_text, value_text
 
@@ -68,6 +70,7 @@ def test_how_many_and_how_fast() -> None:
     assert said.startswith("3 things moved on their own, 3 at once")
     assert "at 20 ± 2 px/s (median" in said
     assert said.endswith("the fastest, number 3, at 90 ± 2 px/s.")
+    assert figures["headings"] == {"right": 3}
     unit, found = lasting(things())
     assert unit == "px/s"
     assert [heading(thing) for thing in found] == ["right", "right", "right"]
@@ -95,14 +98,19 @@ def test_a_camera_that_stands_still_is_said_to(shift: float, decided: str, still
     motion = film(shift)
     figures = key_figures(motion, None, None) | camera_figures(motion, decided) | thing_figures(things(), motion)
     figures["camera_motion_reason"] = "found so"
-    said = answers(figures)
+    fast, where, many, sure = answers(figures)
     assert figures["camera_still"] == still
-    assert ("The camera stood still (found so)." in said) == still
-    assert any("px to the right" in line for line in said) != still
+    assert ("The camera stood still (found so)." in fast.sentences) == still
+    assert (Fact("stood still", "the camera") in fast.facts) == still
+    assert any("px to the right" in sentence for sentence in where.sentences) != still
     if not still:
         assert figures["picture_speed_median"] == pytest.approx(20, abs=0.2)
-        assert any("at 20.0 ± 0.1 px/s (median)" in line for line in said)
-    assert "measured in 29 of 29 pairs" in said[-1]
+        assert Fact("20.0 ± 0.1 px/s", "the picture as a whole, median") in fast.facts
+    assert Fact("90 ± 2 px/s", "the fastest, number 3") in fast.facts
+    assert Fact("to the right", "most things: 3 of 3") in where.facts
+    assert many.facts[0].value == "3 things"
+    assert "measured in 29 of 29 pairs" in sure.line()
+    assert fast.line().startswith("How fast: The camera ")
 
 
 @pytest.mark.parametrize(
@@ -124,14 +132,28 @@ def test_a_value_has_the_places_that_its_deviation_allows(value: float | None, s
 def test_ways_over_a_picture() -> None:
     x = np.array([10.0, 20, np.nan, 60, 90])
     drawn = map_plot([("7 & 8", "#ff0000", x, x / 2)], (100, 80), title="ways", picture="data:image/jpeg;base64,AA==")
-    tree = ElementTree.fromstring(drawn)
+    assert drawn.aspect == 1.25
     space = "{http://www.w3.org/2000/svg}"
-    assert tree.get("viewBox") == "0 0 100 80"
+    tree = ElementTree.fromstring(f'<svg xmlns="{space[1:-1]}">{drawn.body}</svg>')
     assert [text.text for text in tree.iter(f"{space}text")] == ["7 & 8"]
-    (path,) = {path.get("d") for path in tree.iter(f"{space}path")}
-    assert path.startswith("M10.0 5.0L20.0 10.0M60.0 30.0L90.0 45.0")
-    assert tree.find(f"{space}image") is not None
-    assert "<path" not in map_plot([("1", "#000", x * np.nan, x)], (100, 80), title="ways")
+    paths = {path.get("d") for path in tree.iter(f"{space}path")}
+    assert "M10.0 5.0L20.0 10.0M60.0 30.0L90.0 45.0" in paths
+    assert tree.find(f"{space}svg/{space}image") is not None
+    assert "<path" not in map_plot([("1", "#000", x * np.nan, x)], (100, 80), title="ways").body
+
+
+def test_names_on_the_map_never_lie_over_each_other() -> None:
+    ways = [(str(number), "#fff", np.array([0.0, 50 + number % 7]), np.array([0.0, 40.0])) for number in range(30)]
+    body = map_plot(ways, (100, 80), title="ways").body
+    texts = re.findall(r'<text x="([\d.]+)%" y="[\d.]+%" dx="(-?\d+)" dy="(-?\d+)"', body)
+    assert 4 <= len(texts) < 30
+    for width in (330, 860):
+        places = [(float(x) * width / 100 + int(dx), int(dy)) for x, dx, dy in texts]
+        if width == 330:
+            places = [
+                at for at, text in zip(places, re.findall("<text[^>]*>", body), strict=True) if "class" not in text
+            ]
+        assert len(set(places)) == len(places)
 
 
 def test_the_scale_of_a_place_is_the_height_over_the_focal_length_in_the_middle_and_unknown_where_it_tilts():

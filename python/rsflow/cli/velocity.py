@@ -199,9 +199,9 @@ def _write(
     """Write the files; give them by kind, and what stands in the way of the plot as a sentence."""
     from rsflow.errors import MissingExtraError
     from rsflow.extraction.columns import TRAJECTORY, VELOCITY, WORDS
+    from rsflow.extraction.report.velocity_plot import velocity_plot
     from rsflow.extraction.series import Series
     from rsflow.extraction.tables import CsvTable
-    from rsflow.extraction.velocity_plot import velocity_plot
     from rsflow.io.atomic import writing
     from rsflow.velocity import plot_velocity, write_velocity_csv, write_velocity_parquet
 
@@ -214,7 +214,7 @@ def _write(
     for row in rows:
         series.append(row)
     with writing(files["svg"]) as partial:
-        partial.write_text(velocity_plot(series, mounted=args.mount is not None), encoding="utf-8")
+        partial.write_text(velocity_plot(series, mounted=args.mount is not None).file(), encoding="utf-8")
     if not filtered.write(files["filtered"]):
         del files["filtered"]
     if args.parquet:
@@ -248,7 +248,7 @@ def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _show(summary: dict[str, Any], budget: str) -> None:
-    from rsflow.extraction.summary import way_text
+    from rsflow.extraction.answers import way_text
 
     others = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in summary["status"].items() if name != "ok")
     print(f"{summary['measured']} of {summary['frames']} frames measured" + (f" ({others})" if others else ""))

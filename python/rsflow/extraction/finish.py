@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import datetime
 import json
 import math
@@ -16,14 +15,14 @@ import numpy as np
 from .._core import __version__, build_info, get_num_threads
 from ..io.atomic import writing
 from ..velocity.result import not_stated
+from .answers import Answer, answers
 from .crossings import crossings
 from .file_names import NAMES, partial_name
 from .outputs import remove_partial
 from .probe import STILL_PX
-from .report import build
-from .report_page import page
+from .report import Material, build, page
 from .result import Extraction
-from .summary import answers, as_json, camera_figures, key_figures
+from .summary import as_json, camera_figures, key_figures
 from .things import thing_figures
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def close(outputs: Outputs, pipeline: Pipeline, ending: Ending) -> tuple[Extract
     """Complete and name all files; give the result and the first error on the way, if there was one."""
     files, trouble = outputs.finish(ended_well=not ending.reason)
     complete = not ending.reason and trouble is None
-    summary = _summary(outputs, pipeline, ending, complete, trouble)
+    summary, answered = _summary(outputs, pipeline, ending, complete, trouble)
     names = {name: NAMES[name] if complete else partial_name(Path(NAMES[name])).name for name in NAMES}
 
     def step(name: str, write: Callable[[Path], object]) -> bool:
@@ -70,10 +69,9 @@ def close(outputs: Outputs, pipeline: Pipeline, ending: Ending) -> tuple[Extract
         name: names[name] for name in ("summary", "report")
     }
     step("summary", lambda path: path.write_text(json.dumps(summary, indent=2, allow_nan=False) + "\n"))
-    report = build(outputs, summary, files)
+    report = build(Material.of(outputs, summary, answered, files))
     if not step("report", lambda path: path.write_text(page(report), encoding="utf-8", errors="backslashreplace")):
-        bare = dataclasses.replace(report, figures=())
-        step("report", lambda path: path.write_text(page(bare), encoding="utf-8", errors="backslashreplace"))
+        step("report", lambda path: path.write_text(page(report.bare()), encoding="utf-8", errors="backslashreplace"))
     if complete:
         remove_partial(outputs.folder)
         outputs.claim.remove_stale(files)
@@ -91,7 +89,8 @@ def _png(picture: Any) -> bytes:
 
 def _summary(
     outputs: Outputs, pipeline: Pipeline, ending: Ending, complete: bool, trouble: Exception | None
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], list[Answer]]:
+    """Give the summary, and the answers that its lines are of."""
     series, stream = outputs.series, outputs.stream
     figures = key_figures(series["motion"], series.get("velocity"), series.get("trajectory"))
     if "velocity" in series:
@@ -100,15 +99,15 @@ def _summary(
         figures["speed_variance_shares"] = {} if pipeline.ground is None else pipeline.ground.shares.shares()
     if outputs.trajectory is not None:
         figures |= outputs.trajectory.figures()
-    figures |= camera_figures(series["motion"], pipeline.decision.motion) | thing_figures(
-        series["objects"], series["motion"]
-    )
+        sensors = outputs.settings.sensors
+        figures["mounted"] = sensors is not None and sensors.mount is not None
+    figures |= camera_figures(series["motion"], pipeline.decision.motion)
+    figures |= thing_figures(series["objects"], series["motion"], still=figures["camera_still"])
     figures["camera_motion_reason"] = pipeline.decision.reason
     lines = crossings(series["objects"], outputs.settings)
     figures["lines"] = [line.to_dict() for line in lines]
-    said = answers(figures)
-    # What crossed stands beside what moved.
-    said[1:1] = [line.text() for line in lines]
+    answered = answers(figures, [line.text() for line in lines])
+    said = [answer.line() for answer in answered]
     problems = []
     if not complete:
         problems.append(f"The run ended early: {ending.reason or trouble}. What is here was finished until then.")
@@ -142,8 +141,7 @@ def _summary(
         "problems": problems,
         "notes": [*stream.notes, *pipeline.notes, *_notes(outputs, pipeline)],
     }
-    cleaned: dict[str, Any] = as_json(summary)
-    return cleaned
+    return as_json(summary), answered
 
 
 def _notes(outputs: Outputs, pipeline: Pipeline) -> list[str]:

@@ -14,6 +14,7 @@ from ..plotting import arrows, drawing
 from ..segmentation.patches import hatched
 from ..segmentation.scene import StaticScene, frames_ahead
 from .motion_arrows import draw_motion
+from .slides import Slides
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,6 +58,9 @@ class Pictures:
         # Number and time of the frames whose static picture is not complete.
         self._waiting: deque[tuple[int, float]] = deque()
         self._before: Frame | None = None
+        self._seen_before: MotionSegmentation | None = None
+        # The pictures that are kept for the report's slider.
+        self.slides = Slides()
 
     def draw(self, measured: Measured, *, wanted: bool) -> list[Drawn]:
         """Take a frame; give the pictures that are complete, of this frame or earlier ones, none if it is not `wanted`.
@@ -65,12 +69,18 @@ class Pictures:
         """
         frame, seen = measured.frame, measured.segmentation
         before, self._before = self._before, frame
+        seen_before, self._seen_before = self._seen_before, seen
+        slide = before is not None and self.slides.next() and seen_before is not None
+        arrowed = None
+        if before is not None and measured.flow is not None and (wanted or slide):
+            arrowed = draw_motion(_shown(before), measured.flow, seen, self.style)
+            if slide and seen_before is not None:
+                self.slides.add(arrowed, seen_before, before.index, before.t_s)
         if not wanted:
             self.learn(frame, seen)
             return []
         drawn = [Drawn("moving", seen.moving_view(frame.color), frame.index, frame.t_s)]
-        if before is not None and measured.flow is not None:
-            arrowed = draw_motion(_shown(before), measured.flow, seen, self.style)
+        if before is not None and arrowed is not None:
             drawn.insert(0, Drawn("flow", arrowed, frame.index, before.t_s))
         self._waiting.append((frame.index, frame.t_s))
         return drawn + self._static(self._scene.add(seen, frame.color))
@@ -113,11 +123,12 @@ class Pictures:
 
     def state(self) -> dict[str, Any]:
         """Give what `restore` needs, after `complete`."""
-        return self._scene.state()
+        return {"scene": self._scene.state(), "slides": self.slides.state()}
 
     def restore(self, state: Mapping[str, Any], before: Frame) -> None:
         """Go on as after the frame `before`."""
-        self._scene.restore(state)
+        self._scene.restore(state["scene"])
+        self.slides.restore(state["slides"])
         self._before = before
 
 

@@ -1,4 +1,4 @@
-"""The key figures of an extraction, from its columns: for summary.json, the closing lines and the report page."""
+"""The key figures of an extraction, from its columns: for summary.json, and what is said of them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from .gaps import MEASURED, NEIGHBOURS, SECOND, Filled, fill
 from .probe import STILL_PX
 from .series import Series
-from .things import thing_text, value_text
 
-__all__ = ["answers", "as_json", "camera_figures", "duration_s", "key_figures", "way_of", "way_text"]
+__all__ = ["as_json", "camera_figures", "duration_s", "key_figures", "way_of"]
 
 # A camera that stood still moved more than twice what one at rest does in no more than this share of the pairs.
 _RARELY = 0.05
@@ -96,6 +95,10 @@ def key_figures(motion: Series, velocity: Series | None, trajectory: Series | No
         }
     if trajectory is not None and len(trajectory):
         figures["trajectory_segments"] = int(np.nanmax(trajectory["segment"], initial=0))
+        # Where the camera was last, as far as it is known.
+        for name in ("x_m", "y_m"):
+            known = _finite(trajectory[name])
+            figures[f"end_{name}"] = float(known[-1]) if len(known) else math.nan
     return figures
 
 
@@ -138,37 +141,6 @@ def _sum_figures(motion: Series, way: Filled) -> dict[str, Any]:
     }
 
 
-def _sum_text(figures: dict[str, Any]) -> str:
-    x, y = figures["displacement_sum_px"]
-    pairs, missing = max(figures["frames"] - 1, 0), figures["displacement_unmeasured"]
-    time = figures["displacement_unmeasured_s"]
-    part = f"{missing} of {pairs} pairs" + (f" ({time:.2f} s)" if math.isfinite(time) else "")
-    if not math.isfinite(x):
-        mx, my = figures["displacement_sum_measured_px"]
-        return (
-            f"how far the picture went in sum is not known, since {part} could not be measured; the others add up to "
-            f"{_signed(mx)} px to the right and {_signed(my)} px down"
-        )
-    dx, dy = figures["displacement_sum_std_px"]
-    if not missing:
-        return f"in sum the picture went {_signed(x)} px to the right and {_signed(y)} px down"
-    mx, my = figures["displacement_sum_measured_px"]
-    seen, carried = figures["displacement_from_dense_flow"], figures["displacement_from_neighbours"]
-    origins = [
-        *([f"with the camera's motion in the dense flow for {seen} of them"] if seen else []),
-        *([f"if the motion went on as beside in {carried} of them, which nothing shows"] if carried else []),
-    ]
-    return (
-        f"where it was measured the picture went {_signed(mx)} px to the right and {_signed(my)} px down; {part} "
-        f"could not be measured: in sum about {_signed(x)} px and {_signed(y)} px, with a standard deviation of "
-        f"{dx:.2g} and {dy:.2g} px, {' and '.join(origins)}"
-    )
-
-
-def _signed(value: float) -> str:
-    return f"{round(value, 2) + 0.0:+.2f}"
-
-
 def camera_figures(motion: Series, decided: str) -> dict[str, Any]:
     """Say whether the camera stood still, and how fast the picture went as a whole otherwise.
 
@@ -196,51 +168,3 @@ def camera_figures(motion: Series, decided: str) -> dict[str, Any]:
         "picture_speed_median": _median(length * scale),
         "picture_speed_std_median": _median(std * scale),
     }
-
-
-def answers(figures: dict[str, Any]) -> list[str]:
-    """Say the key figures in a few sentences: what moved and how fast, the camera, what that rests on."""
-    pairs = max(figures["frames"] - 1, 0)
-    measured = [f"{figures['frames']} frame{'' if figures['frames'] == 1 else 's'}"]
-    if math.isfinite(figures["duration_s"]):
-        measured[0] += f" over {figures['duration_s']:.2f} s"
-    measured.append(f"the displacement was measured in {figures['measured']} of {pairs} pairs")
-    if math.isfinite(figures["moving_share"]):
-        measured.append(f"{100 * figures['moving_share']:.1f} % of the picture moves on its own on average")
-    said = [thing_text(figures)] if pairs else []
-    if pairs:
-        said.append(_camera_text(figures))
-    if figures.get("velocity_measured"):
-        unstated = figures.get("speed_std_without")
-        without = f" without that of {', '.join(unstated)}, which was not stated" if unstated else ""
-        said.append(
-            f"The camera went at {figures['speed_median_m_s']:.4g} m/s (median, standard deviation of one frame "
-            f"{figures['speed_std_median_m_s']:.2g} m/s{without}), {way_text(figures)}."
-        )
-    return [*said, "; ".join(measured) + "."]
-
-
-def _camera_text(figures: dict[str, Any]) -> str:
-    """Say that the camera stood still, or how the picture went."""
-    reason = figures["camera_motion_reason"]
-    if figures["camera_still"]:
-        # Of a camera at rest a sum of displacements is a sum of errors.
-        return f"The camera stood still ({reason})."
-    speed, std, unit = (figures[f"picture_speed_{name}"] for name in ("median", "std_median", "unit"))
-    went = f"from frame to frame the picture went at {value_text(speed, std, unit)} (median); " if speed > 0 else ""
-    return f"The camera was {reason}; {went}{_sum_text(figures)}."
-
-
-def way_text(figures: dict[str, Any]) -> str:
-    """Say the length of the way, and what of it was not measured."""
-    way, std, missing = figures["distance_m"], figures["distance_std_m"], figures["distance_unmeasured"]
-    if not missing:
-        return f"{way:.4g} m in all"
-    time = figures["distance_unmeasured_s"]
-    lost = f"{missing} frames ({time:.2f} s) without a velocity"
-    if way is None or not math.isfinite(way):
-        return f"{figures['distance_measured_m']:.4g} m where it was measured, in all unknown for {lost}"
-    return (
-        f"{figures['distance_measured_m']:.4g} m where it was measured; for {lost} nothing was: about {way:.4g} m in "
-        f"all (standard deviation {std:.2g} m) if the motion went on as beside"
-    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,19 @@ if TYPE_CHECKING:
 
     F64 = NDArray[np.float64]
 
-__all__ = ["LASTING_FRAMES", "Seen", "Thing", "heading", "lasting", "thing_figures", "thing_text", "value_text"]
+__all__ = [
+    "LASTING_FRAMES",
+    "Seen",
+    "Thing",
+    "brief_text",
+    "count_text",
+    "heading",
+    "lasting",
+    "speed_text",
+    "thing_figures",
+    "thing_text",
+    "value_text",
+]
 
 # What is seen for less is mostly noise, or a fragment of something else.
 LASTING_FRAMES = 10
@@ -105,16 +118,17 @@ def lasting(objects: Series, *, least: int = LASTING_FRAMES, ground: bool = Fals
     return unit, sorted(found, key=lambda thing: (-thing.frames, thing.id))
 
 
-def thing_figures(objects: Series, motion: Series) -> dict[str, Any]:
-    """Sum up the things that lasted.
+def thing_figures(objects: Series, motion: Series, *, still: bool = True) -> dict[str, Any]:
+    """Sum up the things that lasted; where the camera did not stand still they go over the ground.
 
     Returns
     -------
     dict
         ``objects`` (numbers given in all), ``lasting_objects``, ``at_once_median`` and ``at_once_max`` over the frames,
-        ``thing_speed_unit``, ``thing_speed_median`` with its deviation and quantiles, and the fastest thing.
+        ``thing_speed_unit``, ``thing_speed_median`` with its deviation and quantiles, the fastest thing, and
+        ``headings``: how many went in which direction.
     """
-    unit, found = lasting(objects)
+    unit, found = lasting(objects, ground=not still)
     counted = motion["objects"][motion["objects"] >= 0]
     speed = np.array([thing.speed for thing in found])
     known = np.isfinite(speed)
@@ -128,6 +142,7 @@ def thing_figures(objects: Series, motion: Series) -> dict[str, Any]:
         "thing_speed_std_median": _median(np.array([thing.speed_std for thing in found])),
         "thing_speed_p10": float(np.quantile(speed[known], 0.1)) if known.any() else math.nan,
         "thing_speed_p90": float(np.quantile(speed[known], 0.9)) if known.any() else math.nan,
+        "headings": dict(Counter(map(heading, found)).most_common()),
     }
     fastest = found[int(np.nanargmax(speed))] if known.any() else None
     return figures | {
@@ -170,24 +185,41 @@ def value_text(value: float | None, std: float | None, unit: str) -> str:
 
 def thing_text(figures: dict[str, Any]) -> str:
     """Say how many things moved, and how fast."""
-    count, all_of = figures["lasting_objects"], figures["objects"]
+    said = [count_text(figures)]
+    if figures["lasting_objects"]:
+        said.append(speed_text(figures))
+    return " ".join(said)
+
+
+def count_text(figures: dict[str, Any]) -> str:
+    """Say how many things moved."""
+    count = figures["lasting_objects"]
     if not count:
-        if not all_of:
-            return "Nothing moved on its own."
+        brief = brief_text(figures)
         return (
-            f"Nothing moved on its own for {LASTING_FRAMES} frames; {all_of} brief "
-            f"{'sight' if all_of == 1 else 'sights'} of something that moves."
+            f"Nothing moved on its own for {LASTING_FRAMES} frames; {brief}" if brief else "Nothing moved on its own."
         )
-    things = "thing" if count == 1 else "things"
-    text = f"{count} {things} moved on {'its' if count == 1 else 'their'} own"
+    text = f"{count} thing{'' if count == 1 else 's'} moved on {'its' if count == 1 else 'their'} own"
     if count > 1 and math.isfinite(figures["at_once_median"]):
         text += f", {figures['at_once_median']:.0f} at once (median; at most {figures['at_once_max']})"
+    return f"{text}."
+
+
+def brief_text(figures: dict[str, Any]) -> str:
+    """Say how much was seen for less than `LASTING_FRAMES` frames; "" where that is nothing."""
+    brief = figures["objects"] - figures["lasting_objects"]
+    return f"{brief} brief {'sight' if brief == 1 else 'sights'} of something that moves." if brief else ""
+
+
+def speed_text(figures: dict[str, Any]) -> str:
+    """Say how fast the things were that moved, of which there is one or more."""
+    count = figures["lasting_objects"]
     speed, std, unit = (figures[f"thing_speed_{name}"] for name in ("median", "std_median", "unit"))
     if not math.isfinite(speed):
-        return f"{text}; how fast is not known."
+        return "How fast things were is not known."
     if count == 1:
-        return f"{text}, at {value_text(speed, std, unit)}."
-    text += f", at {value_text(speed, std, unit)} (median; four in five between "
+        return f"The thing that moved went at {value_text(speed, std, unit)}."
+    text = f"Things that moved went at {value_text(speed, std, unit)} (median; four in five between "
     text += f"{figures['thing_speed_p10']:.3g} and {figures['thing_speed_p90']:.3g})"
     fastest = value_text(figures["fastest_thing_speed"], figures["fastest_thing_speed_std"], unit)
     return f"{text}; the fastest, number {figures['fastest_thing']}, at {fastest}."
@@ -196,6 +228,8 @@ def thing_text(figures: dict[str, Any]) -> str:
 def heading(thing: Thing) -> str:
     """Say in which of eight directions a thing went; that it stayed about where it was, if it did."""
     dx, dy = thing.way
+    if not math.isfinite(dx + dy):
+        return "not known where"
     if math.hypot(dx, dy) < _LEAST_WAY_SIZES * math.sqrt(max(thing.area, 1.0)):
         return "about its place"
     return _HEADINGS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]

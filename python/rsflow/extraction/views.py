@@ -16,6 +16,7 @@ from .._core import get_num_threads
 from ..video.join import Part, join
 from ..video.sinks import CLOCK
 from .pictures import Drawn, Pictures
+from .slides import Slide
 from .worker import BackgroundWorker
 
 if TYPE_CHECKING:
@@ -275,6 +276,10 @@ class Views:
     def ground(self, corner: tuple[float, float], size: tuple[int, int], scale: float) -> NDArray[np.uint8] | None:
         """Give the scene as the first frame would show it, see `Pictures.ground`, after `drained`."""
         return self._pictures.ground(corner, size, scale)
+
+    def slides(self) -> list[Slide]:
+        """Give the pictures of the report's slider, after `drained`."""
+        return self._pictures.slides.kept()
 
     def jpeg(self, name: str) -> bytes | None:
         """Give the picture of the report for one view."""

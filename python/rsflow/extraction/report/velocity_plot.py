@@ -1,22 +1,30 @@
-"""The velocity over time as SVG, with its band: for the report page, and as a file of its own."""
+"""The velocity over time, with its band: for the report page, and as a file of its own."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from .series import Series
-from .svg import Curve, time_plot
+from ..series import Series
+from .drawing import Drawing
+from .time_plot import Curve, time_plot
 
 __all__ = ["abscissa", "axes_text", "velocity_plot"]
+
+# Beyond this times are in minutes.
+_LONG_S = 600.0
 
 
 def abscissa(series: Series) -> tuple[np.ndarray, str]:
     """Give what plots are over, and its label: times, or numbers of frames where the source has no times."""
     t = series["t_s"]
-    return (t, "time in s") if np.isfinite(t).all() else (series["frame"], "frame")
+    if not np.isfinite(t).all():
+        return series["frame"], "number of the frame"
+    if len(t) and t[-1] - t[0] > _LONG_S:
+        return t / 60, "time in min"
+    return t, "time in s"
 
 
-def velocity_plot(velocity: Series, *, mounted: bool) -> str:
+def velocity_plot(velocity: Series, *, mounted: bool) -> Drawing:
     """Draw the three velocities; `mounted` says that their axes are a body's and not the picture's."""
     x, x_label = abscissa(velocity)
     valid = np.isfinite(velocity["vx_m_s"])

@@ -1,0 +1,117 @@
+"""Small pictures of some frames for the report page: arrows and outlines, evenly over the run, within a budget."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..plotting import drawing, labels
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from ..segmentation.result import MotionSegmentation
+
+__all__ = ["BUDGET_BYTES", "LONGEST", "MOST", "Slide", "Slides", "when"]
+
+# At most so many pictures, of so many bytes together, each of so many pixels on its longer side.
+MOST, BUDGET_BYTES, LONGEST = 48, 2_000_000, 560
+_QUALITY = 72
+
+
+@dataclass(frozen=True)
+class Slide:
+    """A JPEG picture, of which frame and when, and how many things are in it."""
+
+    jpeg: bytes
+    frame: int
+    t_s: float
+    things: int
+
+
+class Slides:
+    """Keep every first, second, fourth ... picture: where there are too many, every other one is given up.
+
+    The run need not be known to its end for that.
+    """
+
+    def __init__(self) -> None:
+        self._kept: list[Slide] = []
+        self._stride = 1
+        self._seen = 0
+
+    def next(self) -> bool:
+        """Count a frame; say whether its picture is wanted."""
+        number, self._seen = self._seen, self._seen + 1
+        return number % self._stride == 0
+
+    def add(self, arrowed: NDArray[np.uint8], seen: MotionSegmentation, frame: int, t_s: float) -> None:
+        """Keep a frame: its picture with arrows, of any size, and what moves in it."""
+        self._kept.append(Slide(_jpeg(_outlined(arrowed, seen)), frame, t_s, len(seen.objects)))
+        while len(self._kept) > 1 and (
+            len(self._kept) > MOST or sum(len(slide.jpeg) for slide in self._kept) > BUDGET_BYTES
+        ):
+            self._kept = self._kept[::2]
+            self._stride *= 2
+
+    def kept(self) -> list[Slide]:
+        """Give the pictures, in their order."""
+        return list(self._kept)
+
+    def state(self) -> dict[str, Any]:
+        """Give what `restore` needs."""
+        slides = [(np.frombuffer(slide.jpeg, np.uint8), slide.frame, slide.t_s, slide.things) for slide in self._kept]
+        return {"slides": slides, "stride": self._stride, "seen": self._seen}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on as before."""
+        self._kept = [Slide(np.asarray(jpeg).tobytes(), *rest) for jpeg, *rest in state["slides"]]
+        self._stride, self._seen = state["stride"], state["seen"]
+
+
+def _outlined(arrowed: NDArray[np.uint8], seen: MotionSegmentation) -> NDArray[np.uint8]:
+    """Make it small and draw around what moves: each thing in its colour with its number."""
+    import cv2
+
+    height, width = seen.moving.shape
+    scale = min(1.0, LONGEST / max(arrowed.shape[:2]))
+    size = (max(1, round(arrowed.shape[1] * scale)), max(1, round(arrowed.shape[0] * scale)))
+    # A copy: the picture itself goes into the video.
+    out = np.asarray(cv2.resize(arrowed, size, interpolation=cv2.INTER_AREA), np.uint8).copy()
+    stretch = np.array([size[0] / width, size[1] / height])
+    boxes, names, inks = [], [], []
+    for thing in seen.objects:
+        color = drawing.distinct_color(thing.id)
+        left, top, wide, high = thing.box
+        # The labels of a thing may reach beyond its box by nothing: its box is that of its pixels.
+        part = np.s_[max(top, 0) : max(top + high, 0), max(left, 0) : max(left + wide, 0)]
+        own = (seen.labels[part] == thing.id).astype(np.uint8)
+        if own.size:
+            found, _ = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+            corner = (max(left, 0), max(top, 0))
+            around = [(one.reshape(-1, 2) + corner + 0.5) * stretch - 0.5 for one in found if len(one) > 2]
+            drawing.rimmed(out, drawing.Strokes([np.concatenate([one, one[:1]]) for one in around], color, 1))
+        ends = np.rint(np.array([(left, top), (left + wide, top + high)]) * stretch).astype(int)
+        boxes.append((int(ends[0, 0]), int(ends[0, 1]), int(ends[1, 0]), int(ends[1, 1])))
+        names.append(str(thing.id))
+        inks.append(color)
+    labels.draw_labels(out, boxes, names, inks)
+    return out
+
+
+def _jpeg(picture: NDArray[np.uint8]) -> bytes:
+    import cv2
+
+    done, data = cv2.imencode(".jpg", picture, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))
+    return data.tobytes() if done else b""
+
+
+def when(slide: Slide) -> str:
+    """Say which frame a picture shows."""
+    time = f", {slide.t_s:.2f} s" if math.isfinite(slide.t_s) else ""
+    return f"frame {slide.frame}{time}"
