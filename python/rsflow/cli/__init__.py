@@ -28,7 +28,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "extract": ("rsflow.cli.extract", "the main job: tables, videos and a report page from one source"),
     "flow": ("rsflow.cli.flow", "where every pixel went, of two pictures or a whole sequence"),
     "grid": ("rsflow.cli.grid", "displacement, strain and vorticity on a grid: fluids (PIV) and materials (DIC)"),
-    "live": ("rsflow.cli.live", "displacement, and velocity with camera and height, from a running camera"),
+    "live": ("rsflow.cli.live", "figures from a running camera: seen in a viewer, recorded, as tables or lines"),
     "reproduce": ("rsflow.cli.reproduce", "repeat the report's experiments, its tables beside what rsflow measures"),
     "segment": ("rsflow.cli.segment", "what moves and what stands still, with numbers for the things that move"),
     "shift": ("rsflow.cli.shift", "how far a window moved from one picture to the next"),

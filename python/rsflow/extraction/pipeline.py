@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from .settings import ExtractSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from concurrent.futures import Executor
 
     from numpy.typing import NDArray
 
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     Scales = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 __all__ = ["Measured", "Pipeline"]
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -86,14 +89,22 @@ class Pipeline:
         It begins with the first frame of the run.
     covariance : bool
         Let the dense flow say how far it may be off, as the arrows of the videos need it: most of its time.
+    beside : Executor, optional
+        Threads for what does not wait for each other within a step: a frame's figures are known sooner.
     """
 
     def __init__(
-        self, settings: ExtractSettings, stream: Frames, *, whole: bool = True, covariance: bool = True
+        self,
+        settings: ExtractSettings,
+        stream: Frames,
+        *,
+        whole: bool = True,
+        covariance: bool = True,
+        beside: Executor | None = None,
     ) -> None:
         from ..flow import DenseFlow
 
-        self.settings, self.stream = settings, stream
+        self.settings, self.stream, self._beside = settings, stream, beside
         # Read before the first frame: a wrong file must fail before anything is written.
         self.mask = mask_of_frames(settings.mask, stream, settings.roi)
         self._fixed = None if self.mask is None else FixedMask(self.mask)
@@ -134,7 +145,8 @@ class Pipeline:
             self.ground.open(self.stream, self.settings.roi, self.mask)
         shift = None
         if self._prev is not None:
-            shift = estimate_shift(
+            shift = self._begun(
+                estimate_shift,
                 self._prev,
                 frame.image,
                 illumination=self.settings.illumination,
@@ -143,7 +155,15 @@ class Pipeline:
                 next_mask=self.mask,
             )
         self._prev = frame.image
-        return shift, self._dense.update(self._counted(frame.image))
+        flow = self._dense.update(self._counted(frame.image))
+        return None if shift is None else shift(), flow
+
+    def _begun(self, function: Callable[..., Result], *args: Any, **options: Any) -> Callable[[], Result]:
+        """Call a function beside what is done here, or at once; what this gives has its result."""
+        if self._beside is not None:
+            return self._beside.submit(function, *args, **options).result
+        result = function(*args, **options)
+        return lambda: result
 
     def _counted(self, image: NDArray[Any]) -> NDArray[Any]:
         """Fill what does not count: coarse levels of the flow reach over it."""
@@ -210,15 +230,17 @@ class Pipeline:
         camera at rest alone; things are sought where they would be by now.
         """
         assert self._segmenter is not None, "settle or go_on comes first"
+        velocity, table_row, measured = None, None, None
+        if self.ground is not None:
+            if after_gap:
+                self.ground.after_gap()
+            measured = self._begun(self.ground.update, frame)
         known = _no_flow(frame.image.shape) if after_gap else flow
         segmentation = self._segmenter.update(frame.image, flow=known, t_s=frame.t_s)
-        if after_gap and self.ground is not None:
-            self.ground.after_gap()
         dt_s = frame.t_s - self._prev_t_s
         self._prev_t_s = frame.t_s
-        velocity, table_row = None, None
-        if self.ground is not None:
-            velocity, table_row = self.ground.update(frame)
+        if measured is not None:
+            velocity, table_row = measured()
         return Measured(
             frame=frame,
             flow=flow,

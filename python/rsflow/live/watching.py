@@ -7,6 +7,7 @@ import math
 import os
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,10 @@ __all__ = ["watch"]
 
 # How long the frame at hand may take when the run is ended, and how often a run that waits looks whether it is to end.
 _LAST_FRAME_S, _LOOK_S = 5.0, 0.1
+# Of the frames that came; when more are not measured, it is said what takes less time.
+_MOST_MISSED = 0.1
+# Threads for the displacement beside the dense flow, and for the velocity beside what moves.
+_BESIDE = 2
 
 
 def watch(
@@ -165,7 +170,9 @@ def watch(
     with contextlib.ExitStack() as stack:
         options: dict[str, Any] = {"frame_rate": frame_rate, "timeout_s": timeout_s, "reconnect_s": reconnect_s}
         stream = stack.enter_context(opened(source, real_time=real_time, roi=roi, **options))
-        pipeline = Pipeline(settings, stream, covariance=False)
+        beside = ThreadPoolExecutor(_BESIDE, thread_name_prefix="rsflow-live-beside")
+        stack.callback(beside.shutdown, wait=False, cancel_futures=True)
+        pipeline = Pipeline(settings, stream, covariance=False, beside=beside)
         tables = None
         if folder is not None:
             tables = stack.enter_context(Tables(folder, source, settings, overwrite=overwrite))
@@ -261,7 +268,18 @@ class _Run:
             delay_p95_s=stages.delays.quantile(0.95),
             delay_p99_s=stages.delays.quantile(0.99),
             files=files,
-            notes=(*self._pipeline.notes, *self._stream.notes, *self._showing.notes),
+            notes=(*self._too_slow(), *self._pipeline.notes, *self._stream.notes, *self._showing.notes),
+        )
+
+    def _too_slow(self) -> tuple[str, ...]:
+        """Say what takes less time, where many frames could not be measured."""
+        stages = self._stages
+        came = stages.frames + stages.not_measured
+        if stages.not_measured <= _MOST_MISSED * came:
+            return ()
+        return (
+            f"{stages.not_measured} of {came} frames came faster than they could be measured: a smaller picture "
+            '(--roi), or --preset ultrafast (preset="ultrafast"), takes less time',
         )
 
 
