@@ -11,6 +11,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import latex2mathml.converter
+from docutils import nodes
+
 import rsflow
 
 HERE = Path(__file__).resolve().parent
@@ -40,6 +43,8 @@ nb_execution_timeout = 120
 myst_heading_anchors = 3
 # The algorithm page: $...$ in the text, $$...$$ (label) for numbered equations.
 myst_enable_extensions = ["dollarmath"]
+# Browsers draw MathML by themselves: no script from elsewhere, so that the pages are whole without a network.
+html_math_renderer = "mathml"
 
 
 def _list_members(app: Any, what: str, name: str, described: object, options: object, lines: list[str]) -> None:
@@ -75,10 +80,28 @@ def _add_rust(app: Any, exception: Exception | None) -> None:
         shutil.copytree(crate, Path(app.outdir) / "rust", dirs_exist_ok=True)
 
 
+def _inline_equation(self: Any, node: nodes.math) -> None:
+    self.body.append(latex2mathml.converter.convert(node.astext()))
+    raise nodes.SkipNode
+
+
+def _equation(self: Any, node: nodes.math_block) -> None:
+    # The element that a label leads to, with the number beside the equation.
+    self.body.append(self.starttag(node, "div", CLASS="math-block"))
+    self.body.append(latex2mathml.converter.convert(node.astext(), display="block"))
+    if node["number"]:
+        self.body.append(f'<span class="eqno">({node["number"]})')
+        self.add_permalink_ref(node, "Link to this equation")
+        self.body.append("</span>")
+    self.body.append("</div>\n")
+    raise nodes.SkipNode
+
+
 def setup(app: Any) -> None:
     """Let Sphinx call the above."""
     # Before the sources are listed.
     _draw_gallery(app)
     _write_notebooks(app)
     app.connect("build-finished", _add_rust)
+    app.add_html_math_renderer("mathml", (_inline_equation, None), (_equation, None))
     app.connect("autodoc-process-docstring", _list_members)

@@ -29,10 +29,10 @@ def draw(*, small: bool = False) -> Figure:
     stated = np.sqrt(np.trace(field.covariance, axis1=-2, axis2=-1))
     figure = Figure(figsize=(12.0, 5.4), layout="constrained")
     (a, b), (c, d) = figure.subplots(2, 2)
-    a.imshow(prev, cmap="gray", vmin=0, vmax=255)
+    a.imshow(prev, cmap="gray", vmin=0, vmax=255, aspect="auto")
     a.set_title("texture that fades, noise of 2 grey levels")
     for ax, values, title in ((b, stated, "stated deviation"), (c, error, "error")):
-        shown = ax.imshow(values, cmap="magma", vmin=0, vmax=0.2)
+        shown = ax.imshow(values, cmap="magma", vmin=0, vmax=0.2, aspect="auto")
         ax.set_title(title)
         figure.colorbar(shown, ax=ax, label="pixels")
     for ax in (a, b, c):
