@@ -1,10 +1,8 @@
 """A video that is cut into parts, each measured by itself, and joined: the tables of one run, to the byte."""
 
-import csv
 import functools
 import itertools
 import json
-import math
 import tempfile
 from pathlib import Path
 
@@ -15,40 +13,19 @@ from hypothesis import given as drawn
 from hypothesis import strategies as st
 
 import rsflow
-from rsflow import synthetic
-from rsflow.extraction import columns
+from parts_helpers import METRIC, columns_of, made_clip, same_measurements
 from rsflow.extraction.joining import NotOneError, join_parts
 from rsflow.extraction.parts import NOTE, NoFrameError, Span, extract_part, is_part, scout, spans
 from rsflow.extraction.same_things import pairs
 from rsflow.extraction.settings import ExtractSettings
 from rsflow.velocity import Sensors
 
-FRAMES = 60
-# What is told of each pair of frames; the other columns are of what moves.
-OF_PAIRS = [name for name in columns.MOTION if not name.startswith(("camera_", "segmentation", "moving", "objects"))]
-
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("parts")
-    flight = synthetic.flight_with_object(
-        frames=FRAMES,
-        height_m=0.2,
-        velocity_m_s=(0.03, -0.01, 0.0),
-        exposure_drift=synthetic.auto_exposure(0.1),
-        seed=3,
-    )
-    with rsflow.VideoWriter(folder / "clip.mp4", frame_rate=30) as video:
-        for image in flight.images:
-            video.write(image)
-    flight.camera.save(folder / "camera.json")
-    # A gyro with a bias, which the estimator learns.
-    rows = [f"{k / 200:.4f},0.01,-0.02,{0.03 * math.sin(k / 40):.5f}" for k in range(600)]
-    (folder / "gyro.csv").write_text("\n".join(["t_s,rate_x_rad_s,rate_y_rad_s,rate_z_rad_s", *rows]) + "\n")
-    return folder / "clip.mp4"
+    return made_clip(tmp_path_factory.mktemp("parts"))
 
 
-METRIC = {"camera": "camera.json", "height_m": 0.2, "videos": False}
 VARIANTS = {
     "plain": {"videos": False, "camera_motion": "moving"},
     "metric": METRIC,
@@ -90,20 +67,6 @@ def cut(clip, given, begins, folder, *, overlap):
     rows = join_parts(clip, options, folder / "out", parts, overwrite=False)
     assert len(rows) == len(parts)
     return rsflow.extract(clip, folder / "out", **given, resume=True)
-
-
-def columns_of(path, names):
-    with path.open(newline="", encoding="utf-8") as file:
-        return [[row[name] for name in names] for row in csv.DictReader(file)]
-
-
-def same_measurements(done, whole):
-    assert done.complete
-    assert columns_of(done.files["motion"], OF_PAIRS) == columns_of(whole.files["motion"], OF_PAIRS)
-    for name in ("velocity", "trajectory"):
-        if name in whole.files:
-            assert done.files[name].read_bytes() == whole.files[name].read_bytes(), name
-    assert done.files.keys() == whole.files.keys()
 
 
 def same_all(done, whole, but=()):

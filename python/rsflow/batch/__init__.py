@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-from .run import BatchItem, BatchStatus, extract_many, folder_names
+from .items import BatchItem, BatchStatus, folder_names
+from .run import extract_many
 
 __all__ = ["BatchItem", "BatchStatus", "extract_many", "folder_names"]

@@ -19,7 +19,7 @@ from rsflow.cli._streams import give_up_output, printable, usable_streams
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)`, `run(args) -> int` and, where argparse does not do,
 # `check(parser, args)`; one line of help).
 COMMANDS: dict[str, tuple[str, str]] = {
-    "batch": ("rsflow.cli.batch", "extract from many sources at once, on a pool of processes"),
+    "batch": ("rsflow.cli.batch", "extract from many sources at once, on this machine or a cluster"),
     "bench": ("rsflow.cli.bench", "accuracy and time beside OpenCV, on scenes with exact truth"),
     "calibrate": ("rsflow.cli.calibrate", "a camera file from pictures of a chessboard or ChArUco board"),
     "convert": ("rsflow.cli.convert", "flow files and camera files from one format to another"),

@@ -43,6 +43,8 @@ EXTRAS = {
     "progress": ("tqdm", "the progress bar; a plain line stands in"),
     "video": ("av", "exact frame times and H.264 video that browsers play"),
     "parquet": ("pyarrow", "Parquet tables"),
+    "dask": ("distributed", "batches on a Dask cluster"),
+    "fsspec": ("fsspec", "videos and results in object storage"),
     "mavlink": ("pymavlink", "velocities for PX4 and ArduPilot"),
     "ros": ("rosbags", "ROS 2 bags"),
     "viewer": ("rerun-sdk", "`rsflow live` in the Rerun viewer"),

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-__all__ = ["MOTION", "OBJECTS", "TRAJECTORY", "VELOCITY", "WORDS", "meaning"]
+__all__ = ["INTEGERS", "MOTION", "OBJECTS", "TRAJECTORY", "VELOCITY", "WORDS", "meaning"]
 
 # Columns that hold words.
 WORDS = frozenset({"status", "segmentation_status", "camera_model", "std_without", "doubts", "state"})
+
+# Columns that hold whole numbers; an empty cell is none.
+INTEGERS = frozenset({"frame", "id", "age_frames", "missed_frames", "objects", "segment", "n_points"})
 
 MOTION = {
     "frame": "number of the frame in the source, counted from 0",
