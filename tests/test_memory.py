@@ -114,7 +114,7 @@ def test_an_unknown_cpu_level_is_an_error_of_every_call():
     )
     environment = {**os.environ, "RSFLOW_CPU": "avx1024"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
-    want = 'RSFLOW_CPU: got "avx1024", expected one of "baseline", "avx2", "avx512", or nothing\n'
+    want = 'RSFLOW_CPU: got "avx1024", expected one of "baseline", "neon", "avx2", "avx512", or nothing\n'
     assert done.stdout == 7 * want
 
 

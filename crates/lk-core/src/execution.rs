@@ -32,7 +32,7 @@ impl Execution {
     /// Instructions to use; a level that this CPU lacks falls back to the best that it has.
     #[must_use]
     pub fn level(mut self, level: SimdLevel) -> Self {
-        self.level = Some(level.min(SimdLevel::detected()));
+        self.level = Some(level.min(SimdLevel::detected()).here());
         self
     }
 

@@ -3,6 +3,8 @@
 
 use super::lanes::Simd;
 use super::level::SimdLevel;
+#[cfg(all(target_arch = "aarch64", target_endian = "little"))]
+use super::neon::Neon;
 #[cfg(not(target_arch = "x86_64"))]
 use super::plain::Plain;
 #[cfg(target_arch = "x86_64")]
@@ -27,13 +29,16 @@ pub(crate) fn dispatch<K: Kernel>(level: SimdLevel, kernel: K) -> K::Output {
             SimdLevel::Avx512 => unsafe { with_avx512(kernel) },
             // SAFETY: `of_this_cpu` has found avx2 on this CPU.
             SimdLevel::Avx2 => unsafe { with_avx2(kernel) },
-            SimdLevel::Baseline => kernel.run(Sse2),
+            SimdLevel::Baseline | SimdLevel::Neon => kernel.run(Sse2),
         }
     }
     #[cfg(not(target_arch = "x86_64"))]
     {
-        let _ = level;
-        kernel.run(Plain)
+        match level.min(SimdLevel::of_this_cpu()) {
+            #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
+            SimdLevel::Neon => kernel.run(Neon),
+            _ => kernel.run(Plain),
+        }
     }
 }
 

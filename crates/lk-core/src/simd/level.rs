@@ -8,8 +8,10 @@ use crate::error::{Error, Result};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum SimdLevel {
-    /// What every CPU of the architecture has: SSE2 on x86-64, NEON on aarch64.
+    /// What the compiler makes of plain code for every CPU of the architecture, with SSE2 on x86-64.
     Baseline,
+    /// NEON (aarch64): every CPU has it.
+    Neon,
     /// AVX2 (x86-64).
     Avx2,
     /// AVX-512 F, BW, DQ and VL (x86-64).
@@ -18,11 +20,10 @@ pub enum SimdLevel {
 
 impl SimdLevel {
     /// The best level of this CPU, or less where the environment variable `RSFLOW_CPU` says
-    /// `baseline`, `avx2` or `avx512`. Read once; where it says anything else, every call that follows it fails.
+    /// `baseline`, `neon`, `avx2` or `avx512`. Read once; where it says anything else, every call that follows it fails.
     #[must_use]
     pub fn detected() -> Self {
-        let best = Self::of_this_cpu();
-        Self::of_environment().map_or(best, |level| level.min(best))
+        Self::of_environment().unwrap_or_else(|_| Self::of_this_cpu())
     }
 
     /// What `RSFLOW_CPU` says, the best level of this CPU if it is not set or empty.
@@ -39,12 +40,12 @@ impl SimdLevel {
         .clone()
     }
 
-    /// The level of this name, or the best of this CPU if that is less.
+    /// The level of this name, or the best below it that this CPU has.
     fn named(name: &str) -> Result<Self> {
         Self::ALL
             .into_iter()
             .find(|level| level.name() == name)
-            .map(|level| level.min(Self::of_this_cpu()))
+            .map(Self::here)
             .ok_or_else(|| {
                 let names = Self::ALL.map(|level| format!("{:?}", level.name()));
                 let expected = format!("one of {}, or nothing", names.join(", "));
@@ -52,15 +53,30 @@ impl SimdLevel {
             })
     }
 
-    const ALL: [Self; 3] = [Self::Baseline, Self::Avx2, Self::Avx512];
+    const ALL: [Self; 4] = [Self::Baseline, Self::Neon, Self::Avx2, Self::Avx512];
+
+    /// Those of this architecture.
+    const LADDER: &[Self] = if cfg!(target_arch = "x86_64") {
+        &[Self::Baseline, Self::Avx2, Self::Avx512]
+    } else if cfg!(all(target_arch = "aarch64", target_endian = "little")) {
+        &[Self::Baseline, Self::Neon]
+    } else {
+        &[Self::Baseline]
+    };
+
+    /// This level, or the best below it that this CPU has.
+    pub(crate) fn here(self) -> Self {
+        let most = self.min(Self::of_this_cpu());
+        let found = Self::LADDER.iter().rev().find(|level| **level <= most);
+        found.copied().unwrap_or(Self::Baseline)
+    }
 
     /// Every level that this CPU can run, the plainest first.
     #[must_use]
     pub fn available() -> Vec<Self> {
-        Self::ALL
-            .into_iter()
-            .filter(|level| *level <= Self::of_this_cpu())
-            .collect()
+        let best = Self::of_this_cpu();
+        let here = Self::LADDER.iter().copied();
+        here.filter(|level| *level <= best).collect()
     }
 
     /// The level's name, as `RSFLOW_CPU` takes it.
@@ -68,6 +84,7 @@ impl SimdLevel {
     pub fn name(self) -> &'static str {
         match self {
             Self::Baseline => "baseline",
+            Self::Neon => "neon",
             Self::Avx2 => "avx2",
             Self::Avx512 => "avx512",
         }
@@ -94,8 +111,10 @@ impl SimdLevel {
             if avx2 {
                 return Self::Avx2;
             }
+            Self::Baseline
         }
-        Self::Baseline
+        #[cfg(not(target_arch = "x86_64"))]
+        Self::LADDER[Self::LADDER.len() - 1]
     }
 }
 
@@ -118,7 +137,20 @@ mod tests {
             assert_eq!(SimdLevel::named(level.name()), Ok(level));
         }
         let error = SimdLevel::named("avx1024").unwrap_err();
-        let want = "RSFLOW_CPU: got \"avx1024\", expected one of \"baseline\", \"avx2\", \"avx512\", or nothing";
+        let want = "RSFLOW_CPU: got \"avx1024\", expected one of \"baseline\", \"neon\", \"avx2\", \"avx512\", or nothing";
         assert_eq!(error.to_string(), want);
+    }
+
+    #[test]
+    fn a_level_that_this_cpu_lacks_is_the_best_below_it() {
+        let best = SimdLevel::available()[SimdLevel::available().len() - 1];
+        assert_eq!(SimdLevel::named("avx512"), Ok(best));
+        let want = if cfg!(all(target_arch = "aarch64", target_endian = "little")) {
+            SimdLevel::Neon
+        } else {
+            SimdLevel::Baseline
+        };
+        assert_eq!(SimdLevel::named("neon"), Ok(want));
+        assert_eq!(SimdLevel::Neon.here(), want);
     }
 }

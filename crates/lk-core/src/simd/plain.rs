@@ -199,6 +199,7 @@ macro_rules! sixteen_in_array {
         }
     };
 }
+#[cfg(target_arch = "x86_64")]
 pub(super) use sixteen_in_array;
 
 /// Implement the operators by a method of the same name on a newtype.
