@@ -12,7 +12,7 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE-MIT LICENSE-AP
 	$(shell find crates python -type f \( -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.toml' -o -name '*.json' -o -name '*.md' -o -name 'py.typed' -o -name '*.css' -o -name '*.js' \))
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python lint bench docs clean
+.PHONY: help demo test test-rust test-python test-arm lint bench docs clean
 
 help: ## Show the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -29,6 +29,9 @@ test-rust: ## Run the Rust tests
 
 test-python: $(VENV)/.package $(VENV)/.test ## Run the Python tests, README and docs blocks among them
 	$(RUN) -m pytest -q tests
+
+test-arm: ## Run lk-core's tests for aarch64 in an emulator: root on an x86-64 Debian with debootstrap
+	.ci/test_arm
 
 lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdoc, licences, ruff, mypy --strict, stubtest
 	cargo fmt --all --check

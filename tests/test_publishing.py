@@ -108,7 +108,7 @@ def test_what_a_workflow_runs_is_there(workflow):
             case ["python", script]:
                 assert (ROOT / script).is_file()
             case ["cargo", command, "-p", crate, *_]:
-                assert command in ("test", "check", "publish")
+                assert command in ("test", "check", "clippy", "publish")
                 assert (ROOT / "crates" / crate).is_dir()
                 assert "--locked" in words
             case [command, *_]:
