@@ -158,16 +158,18 @@ def _carry_error(rates: F64, length: int, *, open_end: bool) -> F64:
     Where no stretch is so long, that of the longest there is grows with the power of 3/2 of the length, as it does for
     a rate that walks at random. Infinite where nothing can be held against it.
     """
-    for size in range(length, 0, -1):
-        reach = size + (1 if open_end else 2)
-        if len(rates) < reach:
+    known = np.isfinite(rates).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
+    runs = edges[1::2] - edges[::2]
+    beside = 1 if open_end else 2
+    # Of sums from the start on each stretch is a difference: gaps of minutes in films of hours are judged at once.
+    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(np.where(known[:, None], rates, 0.0), axis=0)])
+    for size in range(min(length, int(runs.max(initial=0)) - beside), 0, -1):
+        reach = size + beside
+        if np.maximum(runs - reach + 1, 0).sum() < _LEAST_STRETCHES:
             continue
-        windows = np.lib.stride_tricks.sliding_window_view(rates, reach, axis=0).transpose(0, 2, 1)
-        windows = windows[np.isfinite(windows).all(axis=(1, 2))]
-        if len(windows) < _LEAST_STRETCHES:
-            continue
-        inner = windows[:, 1 : size + 1]
-        ends = windows[:, :1] if open_end else 0.5 * (windows[:, :1] + windows[:, -1:])
-        error = inner.sum(axis=1) - size * ends[:, 0]
+        begins = np.concatenate([np.arange(at, at + run - reach + 1) for at, run in zip(edges[::2], runs, strict=True)])
+        ends = rates[begins] if open_end else 0.5 * (rates[begins] + rates[begins + reach - 1])
+        error = sums[begins + size + 1] - sums[begins + 1] - size * ends
         return np.asarray(np.sqrt((error**2).mean(axis=0)) * (length / size) ** 1.5, dtype=np.float64)
     return np.full(2, np.inf)
