@@ -71,3 +71,50 @@ def watched_page(browser: Any, *, width: int = 1280, height: int = 900, **contex
         page.on("pageerror", lambda error: watched.errors.append(str(error)))
         page.on("request", asked)
         yield watched
+
+
+_TEXTS = """() => {
+  const found = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const node = walker.currentNode;
+    const parent = node.parentElement;
+    if (!node.textContent.trim() || ['SCRIPT', 'STYLE', 'TITLE', 'title'].includes(parent.tagName)) continue;
+    const look = getComputedStyle(parent);
+    if (look.visibility !== 'visible' || !parent.checkVisibility()) continue;
+    const range = document.createRange();
+    range.selectNodeContents(node);
+    const boxes = parent.closest('svg') ? [parent.getBoundingClientRect()] : [...range.getClientRects()];
+    for (const box of boxes) {
+      if (box.width < 1 || box.height < 1) continue;
+      found.push([node.textContent.trim().slice(0, 40), box.left, box.top, box.right, box.bottom,
+                  parseFloat(look.fontSize)]);
+    }
+  }
+  return found;
+}"""
+# Boxes of letters have room above and below; two lines may share so many pixels of it.
+_ROOM_PX = 3.0
+
+
+def layout_faults(page: Any, *, smallest_px: float = 12.0) -> list[str]:
+    """Say what is wrong with a page as wide as it is: it scrolls sideways, letters are small, or lie over others."""
+    wide, seen = page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
+    faults = [f"{wide} px wide in {seen}"] if wide > seen else []
+    texts = sorted(page.evaluate(_TEXTS), key=lambda text: text[2])
+    faults += [f"{text[0]!r} has {text[5]:g} px" for text in texts if text[5] < smallest_px]
+    for number, (name, left, top, right, bottom, _) in enumerate(texts):
+        for other, other_left, other_top, other_right, other_bottom, _ in texts[number + 1 :]:
+            if other_top > bottom - _ROOM_PX:
+                break
+            deep = min(bottom, other_bottom) - max(top, other_top)
+            if deep > _ROOM_PX and min(right, other_right) - max(left, other_left) > 1:
+                faults.append(f"{name!r} and {other!r} lie over each other")
+    return faults
+
+
+def access_faults(page: Any) -> list[str]:
+    """Say what axe-core finds: contrast, names, structure."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+    found = axe.Axe().run(page).response["violations"]
+    return [f"{one['id']}: {node['target']} {node['failureSummary']}" for one in found for node in one["nodes"]]

@@ -139,11 +139,11 @@ def test_ways_over_a_picture() -> None:
     paths = {path.get("d") for path in tree.iter(f"{space}path")}
     assert "M10.0 5.0L20.0 10.0M60.0 30.0L90.0 45.0" in paths
     assert tree.find(f"{space}svg/{space}image") is not None
-    assert "<path" not in map_plot([("1", "#000", x * np.nan, x)], (100, 80), title="ways").body
+    assert "<path" not in map_plot([("1", "#000000", x * np.nan, x)], (100, 80), title="ways").body
 
 
 def test_names_on_the_map_never_lie_over_each_other() -> None:
-    ways = [(str(number), "#fff", np.array([0.0, 50 + number % 7]), np.array([0.0, 40.0])) for number in range(30)]
+    ways = [(str(number), "#ffffff", np.array([0.0, 50 + number % 7]), np.array([0.0, 40.0])) for number in range(30)]
     body = map_plot(ways, (100, 80), title="ways").body
     texts = re.findall(r'<text x="([\d.]+)%" y="[\d.]+%" dx="(-?\d+)" dy="(-?\d+)"', body)
     assert 4 <= len(texts) < 30

@@ -142,7 +142,8 @@ def _where(figures: Figures) -> _Said:
         went = f"to the {first}" if first in _SIDES else first
         said.fact(went, f"most things: {most} of {count}" if count > 1 else "the thing that moved")
         parts = [f"{number} {_went(name, number)}" for name, number in headings.items()]
-        said.say(f"Of {count} things {', '.join(parts)}." if count > 1 else f"The thing that moved {_went(first, 1)}.")
+        of_all = f"Of {count} things {', '.join(parts)}."
+        said.say(of_all if count > 1 else f"The thing that moved {_went(first, 1)}.", more=count > 1)
     if not said.facts:
         said.fact("nowhere", "nothing moved on its own, nor did the camera")
         said.say("Nothing moved on its own, nor did the camera.")
@@ -256,11 +257,11 @@ def _sum_text(figures: Figures) -> str:
         mx, my = figures["displacement_sum_measured_px"]
         return (
             f"how far the picture went in sum is not known, since {part} could not be measured; the others add up to "
-            f"{_signed(mx)} px to the right and {_signed(my)} px down"
+            f"{_towards(mx, my)}"
         )
     dx, dy = figures["displacement_sum_std_px"]
     if not missing:
-        return f"in sum the picture went {_signed(x)} px to the right and {_signed(y)} px down"
+        return f"in sum the picture went {_towards(x, y)}"
     mx, my = figures["displacement_sum_measured_px"]
     seen, carried = figures["displacement_from_dense_flow"], figures["displacement_from_neighbours"]
     origins = [
@@ -268,14 +269,22 @@ def _sum_text(figures: Figures) -> str:
         *([f"if the motion went on as beside in {carried} of them, which nothing shows"] if carried else []),
     ]
     return (
-        f"where it was measured the picture went {_signed(mx)} px to the right and {_signed(my)} px down; {part} "
-        f"could not be measured: in sum about {_signed(x)} px and {_signed(y)} px, with a standard deviation of "
-        f"{dx:.2g} and {dy:.2g} px, {' and '.join(origins)}"
+        f"where it was measured the picture went {_towards(mx, my)}; {part} could not be measured: in sum about "
+        f"{_towards(x, y)}, with a standard deviation of {_rounded(dx)} and {_rounded(dy)} px, {' and '.join(origins)}"
     )
 
 
-def _signed(value: float) -> str:
-    return f"{round(value, 2) + 0.0:+.2f}"
+def _towards(x: float, y: float) -> str:
+    across, along = round(x, 2), round(y, 2)
+    return (
+        f"{abs(across):.2f} px to the {'right' if across >= 0 else 'left'} and "
+        f"{abs(along):.2f} px {'down' if along >= 0 else 'up'}"
+    )
+
+
+def _rounded(value: float) -> str:
+    """Write a number with two digits that count, never as a power."""
+    return f"{float(f'{value:.2g}'):.12g}"
 
 
 def way_text(figures: Figures) -> str:

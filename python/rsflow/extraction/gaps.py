@@ -158,7 +158,7 @@ def _carry_error(rates: F64, length: int, *, open_end: bool) -> F64:
     Where no stretch is so long, that of the longest there is grows with the power of 3/2 of the length, as it does for
     a rate that walks at random. Infinite where nothing can be held against it.
     """
-    known = np.isfinite(rates).all(axis=1)
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(rates).all(axis=1))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
     runs = edges[1::2] - edges[::2]
     beside = 1 if open_end else 2

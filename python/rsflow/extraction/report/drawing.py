@@ -89,8 +89,9 @@ class Drawing:
             shape = f"aspect-ratio:{self.aspect:.4f};max-width:{_HIGHEST * self.aspect:.0f}px"
         axes = " axes" if self.y_label else ""
         below = f'<div class="x-label">{escape(self.x_label)}</div>' if self.x_label else ""
+        kind = "box" if self.y_label else "box map"
         return (
-            f'{above}<div class="area{axes}"><div class="box" style="{shape}"{attributes(self.data)}>'
+            f'{above}<div class="area{axes}"><div class="{kind}" style="{shape}"{attributes(self.data)}>'
             f'<svg xmlns="http://www.w3.org/2000/svg" width="100%" height="100%" role="img"'
             f"{attributes({'aria-label': self.title})}>{self.body}</svg></div></div>{below}"
         )

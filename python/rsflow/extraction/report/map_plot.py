@@ -96,11 +96,16 @@ def _way(name: str, colour: str, x: F64, y: F64, size: tuple[int, int], names: _
     first, last = runs[0][0], runs[-1][-1]
     ring = {"cx": percent(x[first] / width), "cy": percent(y[first] / height), "r": "3.5"}
     ring |= {"fill": "#fff", "stroke": colour, "stroke-width": "2"}
-    names.add(name, float(x[last]), float(y[last]), colour, ahead=_direction(x[runs[-1]], y[runs[-1]], size))
+    names.add(name, float(x[last]), float(y[last]), _paler(colour), ahead=_direction(x[runs[-1]], y[runs[-1]], size))
     return (
         f'<g class="way"{attributes({"data-thing": name})}><title>{escape(name)}</title>{path}'
         f"<circle{attributes(ring)}/>{_tip(x[runs[-1]], y[runs[-1]], size, colour)}</g>"
     )
+
+
+def _paler(colour: str) -> str:
+    """Give a colour whose letters are read on any ground."""
+    return "#" + "".join(f"{(int(colour[at : at + 2], 16) + 255) // 2:02x}" for at in (1, 3, 5))
 
 
 def _direction(x: F64, y: F64, size: tuple[int, int]) -> tuple[float, float]:

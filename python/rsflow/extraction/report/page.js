@@ -7,10 +7,9 @@
     parent.append(one);
     return one;
   };
-  const short = (value, span) => {
-    const places = Math.max(0, Math.min(8, 3 - Math.ceil(Math.log10(Math.max(span, 1e-12)))));
-    return value.toFixed(places).replace("-", "\u2212");
-  };
+  const placesOf = (span) => Math.max(0, Math.min(8, 3 - Math.ceil(Math.log10(Math.max(span, 1e-12)))));
+  const written = (value, places) => value.toFixed(places).replace("-", "\u2212");
+  const short = (value, span) => written(value, placesOf(span));
   const points = (one) => (one.getAttribute("points") || "").trim().split(/\s+/).map((pair) => pair.split(",").map(Number));
 
   // The slider: one picture at a time.
@@ -58,7 +57,7 @@
     const things = figures.map((figure) => Number(figure.dataset.things));
     const most = Math.max(...things);
     const middle = (figures.length - 1) / 2;
-    show(things.reduce((best, count, index) => count === most && (best < 0 ||
+    show(things.reduce((best, count, index) => count === most && (most || !index) && (best < 0 ||
       Math.abs(index - middle) < Math.abs(best - middle)) ? index : best, -1));
     go = (value, minutes, byFrame) => {
       const of = (figure) => byFrame ? Number(figure.dataset.frame) : Number(figure.dataset.t) / (minutes ? 60 : 1);
@@ -80,9 +79,12 @@
     const unit = (/ in (\w+)$/.exec(xLabel) || ["", ""])[1];
     let curves = null;
     let bands = null;
+    let pieces = null;
     let tip = null;
     const ready = () => {
-      curves = [0, 1, 2, 3].map((number) => all(box, `polyline.c${number}`).flatMap(points));
+      const lines = [0, 1, 2, 3].map((number) => all(box, `polyline.c${number}`).map(points));
+      curves = lines.map((runs) => runs.flat());
+      pieces = lines.map((runs) => runs.map((run) => [run[0][0], run[run.length - 1][0]]));
       bands = [0, 1, 2, 3].map((number) => all(box, `polygon.f${number}`).map(points));
       tip = { text: made("div", "tip", box), line: made("div", plane ? "dot" : "cursor", box) };
     };
@@ -129,16 +131,22 @@
         line("", `${xLabel.split(" in ")[0]} ${short(x0 + share * (x1 - x0), x1 - x0)} ${unit}`);
         names.forEach((name, number) => {
           const list = curves[number];
-          const near = list.length ? nearest(list, x) : null;
-          if (!near || Math.abs(near[0] - x) > 200) { line(`b${number}`, `${name}: not measured`); return; }
+          // Between two pieces of a curve nothing was measured, but for what is nearer to one than half a step.
+          const beside = Math.max(2 * column, 5000 / Math.max(list.length, 1));
+          const inside = pieces[number].some(([from, to]) => x >= from - beside && x <= to + beside);
+          const near = inside ? nearest(list, x) : null;
+          if (!near) { line(`b${number}`, `${name}: not measured`); return; }
           const here = list.filter((point) => Math.abs(point[0] - near[0]) < column).map((point) => value(point[1]));
           const low = Math.min(...here);
           const high = Math.max(...here);
           const span = y1 - y0;
           const off = std(number, near[0]);
+          // As many places as the deviation allows, and the drawing has.
+          const most = "whole" in box.dataset ? 0 : placesOf(span) + (off > 0 ? 1 : 0);
+          const places = off > 0 ? Math.min(most, Math.max(0, -Math.floor(Math.log10(off * 1.05)))) : most;
           const text = high - low > span / 500 && list.length > 1200
-            ? `${short(low, span)} to ${short(high, span)}`
-            : short(value(near[1]), span) + (off > 0 ? ` \u00b1 ${short(off, span / 10)}` : "");
+            ? `${written(low, most)} to ${written(high, most)}`
+            : written(value(near[1]), places) + (off > 0 ? ` \u00b1 ${written(off, places)}` : "");
           line(`b${number}`, `${name}: ${text}${ofY}`);
         });
         tip.line.style.left = `${100 * share}%`;

@@ -42,6 +42,7 @@ def count_plot(material: Material) -> list[Plot]:
         x_label=x_label,
         floor=0.0,
         y_least=5.0,
+        whole=True,
     )
     return [Plot("How many things move", drawn)]
 

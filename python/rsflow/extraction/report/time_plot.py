@@ -61,6 +61,7 @@ def time_plot(
     valid: ArrayLike | None = None,
     floor: float | None = None,
     y_least: float = 1e-6,
+    whole: bool = False,
 ) -> Drawing:
     """Draw curves over time.
 
@@ -80,6 +81,8 @@ def time_plot(
         Lower end of the y axis.
     y_least : float
         Least extent of the y axis, so that noise is not blown up to fill the plot.
+    whole : bool
+        Whether values are whole numbers.
 
     Returns
     -------
@@ -107,7 +110,8 @@ def time_plot(
             "data-x": f"{across.low!r} {across.high!r}",
             "data-y": f"{up.low!r} {up.high!r}",
             "data-names": "|".join(curve.name.replace("|", " ") for curve in curves),
-        },
+        }
+        | ({"data-whole": "1"} if whole else {}),
     )
 
 
