@@ -22,6 +22,8 @@ __all__ = ["BUDGET_BYTES", "LONGEST", "MOST", "Slide", "Slides", "when"]
 # At most so many pictures, of so many bytes together, each of so many pixels on its longer side.
 MOST, BUDGET_BYTES, LONGEST = 48, 2_000_000, 560
 _QUALITY = 72
+# Light that is left of what a mask leaves out.
+_LEFT_OUT = 0.4
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,10 @@ def _outlined(arrowed: NDArray[np.uint8], seen: MotionSegmentation) -> NDArray[n
     size = (max(1, round(arrowed.shape[1] * scale)), max(1, round(arrowed.shape[0] * scale)))
     # A copy: the picture itself goes into the video.
     out = np.asarray(cv2.resize(arrowed, size, interpolation=cv2.INTER_AREA), np.uint8).copy()
+    if seen.mask is not None:
+        # What does not count is darkened.
+        left_out = cv2.resize((~seen.mask).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+        out[left_out] = (out[left_out] * _LEFT_OUT).astype(np.uint8)
     stretch = np.array([size[0] / width, size[1] / height])
     boxes, names, inks = [], [], []
     for thing in seen.objects:

@@ -77,6 +77,8 @@ def _slider(material: Material) -> list[Part]:
         f"and one on each thing. A motion of one pixel a frame is drawn {material.arrow_scale:g} px long in the "
         "full picture."
     )
+    if material.settings.mask is not None:
+        caption += " What is dark does not count, as the mask says."
     return [Slider(slides[:MOST], caption)]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -83,8 +84,8 @@ def _answer(answer: Answer, names: set[str]) -> str:
 
 
 def _kept_together(value: str) -> str:
-    """Let a value break before its deviation and between its parts alone."""
-    return value.replace(" ", "\u00a0").replace("\u00a0±", " ±").replace(",\u00a0", ", ")
+    """Let no line break between a number and its unit."""
+    return re.sub(r"(?<=[\d±]) (?!±)", "\u00a0", value)
 
 
 def _contents(sections: Sequence[Section]) -> str:
