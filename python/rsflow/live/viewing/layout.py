@@ -30,7 +30,7 @@ def blueprint(rrb: Any, *, velocity: bool, live: bool, follow: bool) -> Any:
         )
 
     motion = (
-        plot("velocity", "Velocity in m/s, one deviation", legend=True)
+        plot("velocity", "Velocity in m/s", legend=True)
         if velocity
         else plot("displacement", "Displacement in pixels a frame", legend=True)
     )
@@ -38,8 +38,8 @@ def blueprint(rrb: Any, *, velocity: bool, live: bool, follow: bool) -> Any:
         rrb.Spatial2DView(origin="camera", name="What moves, and how fast"),
         rrb.Horizontal(
             motion,
-            plot("light/brightness", "Brightness (grey level)"),
-            plot("light/gain", "Gain of the light"),
+            plot("light/brightness", "Brightness"),
+            plot("light/gain", "Gain of light"),
             column_shares=[2, 1, 1],
         ),
         row_shares=[3, 1],

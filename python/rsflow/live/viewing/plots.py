@@ -110,7 +110,7 @@ def log_styles(rr: Any, series: Sequence[Series]) -> list[tuple[str, Any]]:
     styles = []
     for one in series:
         pale = (*one.color, _BAND)
-        names = [one.name] + (["", ""] if one.band else [])
+        names = [one.name] + (["one deviation"] * 2 if one.band else [])
         colors = [(*one.color, 255)] + ([pale, pale] if one.band else [])
         widths = [1.8] + ([0.8, 0.8] if one.band else [])
         styles.append((one.entity, rr.SeriesLines(names=names, colors=colors, widths=widths)))
