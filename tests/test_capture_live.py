@@ -100,6 +100,7 @@ def test_a_camera_that_comes_back_goes_on():
         assert source.notes == ("camera 0: opened again 1 times",)
     assert [frame.index for frame in got] == list(range(8))
     assert got[3].t_s - got[2].t_s > 0.1
+    assert source.gaps == 1
 
 
 def test_a_camera_that_vanishes_is_an_error_within_the_time_out():
@@ -160,6 +161,61 @@ def test_which_sources_are_live(monkeypatch):
     with pytest.raises(rsflow.CaptureError, match="not here"):
         rsflow.frames("http://host/camera", newest=True)
     assert seen == [0, 1, "/dev/video7", "rtsp://host/a", "udp://@:5000", "http://host/camera"]
+
+
+def test_a_source_played_at_its_own_pace_is_live():
+    pictures = [np.full((4, 6), value, np.uint8) for value in range(12)]
+    begin = time.monotonic()
+    with rsflow.frames(pictures, frame_rate=100.0, real_time=True, newest=False) as source:
+        got = list(source)
+    assert (source.live, source.timestamps, source.count) == (True, "clock", 12)
+    assert [frame.index for frame in got] == list(range(12))
+    np.testing.assert_allclose(np.diff([frame.t_s for frame in got]).min(), 0.01, atol=1e-6)
+    assert time.monotonic() - begin >= 0.11
+    assert begin < got[0].t_s < got[-1].t_s <= time.monotonic()
+
+
+def test_of_a_paced_source_a_slow_reader_gets_the_newest_frame_and_the_end():
+    times = [0.0, 0.02, 0.05, 0.06, 0.1, 0.12, 0.16]
+    with rsflow.frames(np.zeros((7, 4, 6), np.uint8), times=times, real_time=True) as source:
+        got = [source.__next__()]
+        time.sleep(0.25)
+        got += list(source)
+    assert [frame.index for frame in got] == [0, 6]
+    assert got[1].t_s - got[0].t_s == pytest.approx(0.16, abs=0.1)
+
+
+def test_a_paced_source_says_what_is_wrong_and_can_be_left_in_the_middle():
+    pictures = np.zeros((5, 4, 6), np.uint8)
+    with pytest.raises(rsflow.OptionError, match="real_time: got True, expected frame_rate= with it"):
+        rsflow.frames(pictures, real_time=True)
+    with (
+        rsflow.frames(pictures, times=[0.0, 0.01], real_time=True) as source,
+        pytest.raises(rsflow.OptionError, match="got 2 times, expected one for each frame"),
+    ):
+        list(source)
+    begin, threads = time.monotonic(), threading.active_count()
+    with rsflow.frames(pictures, frame_rate=0.1, real_time=True) as source:
+        next(source)
+    assert time.monotonic() - begin < 2.0
+    assert threading.active_count() == threads
+    assert list(source) == []
+
+
+def test_a_live_source_that_went_away_is_waited_for_longer_where_that_is_asked_for():
+    left = [FakeCapture(ends=3)]
+
+    def opener(_source):
+        return left.pop(0) if left else FakeCapture(opened=False)
+
+    reader = LiveReader(0, newest=False, timeout_s=5.0, reconnect_s=0.9, camera_size=None, opener=opener)
+    begin = time.monotonic()
+    for _ in range(3):
+        assert reader.read(True) is not None
+    with pytest.raises(rsflow.CaptureError, match=r"gave no frame for 0\.9 s after frame 2"):
+        reader.read(True)
+    assert 0.85 < time.monotonic() - begin < 4.0
+    reader.close()
 
 
 def test_a_live_source_has_its_own_times(monkeypatch):

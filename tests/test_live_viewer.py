@@ -211,7 +211,7 @@ def test_a_recording_is_not_written_over_and_a_missing_viewer_is_named(flight, t
     assert not (tmp_path / "out").exists()
 
 
-def test_a_viewer_that_is_held_up_holds_nothing_up(flight, monkeypatch):
+def test_a_viewer_that_is_held_up_holds_nothing_up(flight, monkeypatch, tmp_path):
     """Each picture takes the viewer a fifth of a second: pictures are dropped and counted, figures are not."""
     from rsflow.live.viewing.scene import Scene
 
@@ -222,14 +222,22 @@ def test_a_viewer_that_is_held_up_holds_nothing_up(flight, monkeypatch):
         return real(self, *arguments)
 
     monkeypatch.setattr(Scene, "entities", slow)
-    delays = {}
-    for name, options in (("without", {}), ("with", {"serve": f"127.0.0.1:{free_ports()}"})):
+    delays, begin_s = {}, time.time()
+    shown = {"serve": f"127.0.0.1:{free_ports()}", "record": tmp_path / "run.rrd"}
+    for name, options in (("without", {}), ("with", shown)):
         seen = []
         done = live.watch(flight, real_time=True, on_frame=seen.append, **options, **SETTLED)
         delays[name] = np.median([frame.delay_s for frame in seen])
         assert done.frames + done.not_measured == 24
     assert done.not_shown > 5
     assert delays["with"] < 2 * delays["without"] + 0.05
+    # Plots have what pictures have not, and of what is live the time of day.
+    tables = read(done.files["recording"])
+    assert len(tables["timing/delay_ms"]) == done.frames > len(tables["camera/picture"])
+    np.testing.assert_allclose([component(row, "scalars")[0] for row in tables["timing/delay_ms"]],
+                               [1e3 * frame.delay_s for frame in seen])  # fmt: skip
+    for row in (*tables["timing/delay_ms"], *tables["camera/picture"]):
+        assert begin_s - 1 < row["clock"].timestamp() < time.time() + 1
 
 
 def free_ports() -> int:
@@ -286,7 +294,9 @@ def test_a_recording_is_seen_in_a_browser(recorded, tmp_path):
         page.wait_for_selector("canvas")
         deadline = time.monotonic() + 60
         while True:
-            picture = cv2.imdecode(np.frombuffer(page.screenshot(timeout=100_000), np.uint8), cv2.IMREAD_COLOR).astype(int)
+            picture = cv2.imdecode(np.frombuffer(page.screenshot(timeout=100_000), np.uint8), cv2.IMREAD_COLOR).astype(
+                int
+            )
             blue, green, red = picture[:, :480].transpose(2, 0, 1)
             textured = (np.abs(red - green) < 3) & (np.abs(red - blue) < 3) & (red > 30) & (red < 220)
             if textured.mean() > 0.2 or time.monotonic() > deadline:

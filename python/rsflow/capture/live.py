@@ -15,6 +15,7 @@ from ..errors import CaptureError
 from ..io.fork_guard import OfProcess
 from ..io.opencv_files import open_capture, quiet
 from ..io.picture_names import natural_key
+from .gaps import GapRule
 from .reader import Raw, Timestamps
 
 # Frames kept for a reader that wants all of them: beyond, the camera's own driver drops.
@@ -58,6 +59,8 @@ class LiveReader(OfProcess):
         self._failure: str | None = None
         self._grabbed = 0
         self.reconnects = 0
+        self._gaps = GapRule()
+        self._reopened = False
         capture = self._opened()
         if capture is None:
             raise CaptureError(
@@ -99,7 +102,9 @@ class LiveReader(OfProcess):
                         ok, image = capture.retrieve()
                 if ok:
                     pause_s = _RETRY_S
-                    self._put(Raw(image, t_s, self._grabbed))
+                    self._gaps.take(t_s, reopened=self._reopened)
+                    self._reopened = False
+                    self._put(Raw(image, t_s, self._grabbed, gaps=self._gaps.count))
                     continue
                 if capture is not None:
                     capture.release()
@@ -109,6 +114,7 @@ class LiveReader(OfProcess):
                 pause_s = min(2 * pause_s, _LONGEST_RETRY_S)
                 if not self._stopped:
                     capture = self._opened()
+                    self._reopened = self._reopened or capture is not None
                     self.reconnects += capture is not None
         except Exception as error:
             with self._changed:

@@ -14,12 +14,16 @@ Timestamps: TypeAlias = Literal["file", "given", "rate", "clock", "none"]
 
 @dataclass(frozen=True, slots=True)
 class Raw:
-    """What a reader gives: the picture as the source has it (None where it was skipped), its time and number."""
+    """What a reader gives: the picture as the source has it (None where it was skipped), its time and number.
+
+    `gaps` is how often a live source was away before it.
+    """
 
     image: NDArray[Any] | None
     t_s: float
     index: int
     name: str = ""
+    gaps: int = 0
 
 
 class Reader(Protocol):

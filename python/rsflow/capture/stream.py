@@ -110,6 +110,9 @@ class Frames(Iterator[Frame]):
     lost : int
         Pictures of a video file that the decoder could not give, since they are damaged, of those read so far. They
         keep their place: `Frame.index` has a gap, and the times of the others are right.
+    gaps : int
+        How often a live source was away (it was opened again, or gave nothing for more than a second and five times
+        as long as usual) before the last frame given: what it shows after that may have nothing to do with before.
     notes : tuple of str
         Peculiarities of the source that were mended, and pictures that are lost, one sentence each.
 
@@ -143,6 +146,7 @@ class Frames(Iterator[Frame]):
         self._position = 0
         self._first: tuple[tuple[int, ...], np.dtype[Any], str] | None = None
         self._closed = False
+        self.gaps = 0
         self.source = reader.source
         self.live = reader.live
         self.frame_rate = frame_rate if frame_rate is not None else reader.frame_rate
@@ -224,6 +228,7 @@ class Frames(Iterator[Frame]):
 
     def _frame(self, raw: Raw, image: NDArray[Any]) -> Frame:
         name = f"{self.source}, frame {raw.index}" if not raw.name else raw.name
+        self.gaps = raw.gaps
         self._check(image, name)
         if self._roi is not None:
             height, width = image.shape[:2]

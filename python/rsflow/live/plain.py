@@ -11,7 +11,6 @@ import numpy as np
 from .. import _checks
 from .._checks import knobs
 from ..errors import OptionError
-from .gaps import GapRule
 from .opening import opened
 from .reading import LiveReading, reading
 
@@ -132,10 +131,10 @@ def _measured(
     prev: Any = None
     with stream:
         counts = mask_of_frames(mask, stream, roi)
-        gaps = GapRule(stream.live)
+        gaps = 0
         for frame in stream:
-            if gaps.before(frame.t_s):
-                prev = None
+            if stream.gaps > gaps:
+                gaps, prev = stream.gaps, None
                 if ground is not None:
                     ground.after_gap()
             velocity = None

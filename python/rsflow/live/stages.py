@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from ..extraction.probe import enough
 from .frame import LiveFrame
-from .gaps import GapRule
 from .meter import Delays, Rate
 from .reading import reading
 
@@ -132,13 +131,13 @@ class Stages:
         self._stopping = True
 
     def _measure_all(self) -> None:
-        gaps = GapRule(self._stream.live)
+        gaps = 0
         try:
             for frame in self._stream:
                 if self._stopping:
                     break
                 self.last_frame_s = time.monotonic()
-                after_gap = gaps.before(frame.t_s)
+                after_gap, gaps = self._stream.gaps > gaps, self._stream.gaps
                 pair = _Pair(frame, *self._pipeline.measure(frame, after_gap=after_gap), after_gap)
                 if not self._hand_over(pair) or not self._slot.wait_free():
                     break

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .plots import TIME
+from .plots import CLOCK, TIME
 
 __all__ = ["blueprint"]
 
@@ -21,7 +21,7 @@ def blueprint(rrb: Any, *, velocity: bool, live: bool, follow: bool) -> Any:
     ranges: dict[str, Any] = {}
     if follow:
         start = rrb.TimeRangeBoundary.cursor_relative(seconds=-_FOLLOWED_S)
-        shown = rrb.VisibleTimeRange(TIME, start=start, end=rrb.TimeRangeBoundary.cursor_relative())
+        shown = rrb.VisibleTimeRange(CLOCK, start=start, end=rrb.TimeRangeBoundary.cursor_relative())
         ranges = {"time_ranges": [shown]}
 
     def plot(origin: str, name: str, *, legend: bool = False) -> Any:
@@ -56,7 +56,9 @@ def blueprint(rrb: Any, *, velocity: bool, live: bool, follow: bool) -> Any:
     )
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[3, 1]),
-        rrb.TimePanel(state="collapsed", timeline=TIME, **({"play_state": "following"} if follow else {})),
+        rrb.TimePanel(
+            state="collapsed", timeline=CLOCK if live else TIME, **({"play_state": "following"} if follow else {})
+        ),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         auto_views=False,

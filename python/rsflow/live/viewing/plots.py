@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
     from ..frame import LiveFrame
 
-__all__ = ["FRAME", "SERIES", "TIME", "Series", "log_styles", "series_of", "values_of"]
+__all__ = ["CLOCK", "FRAME", "SERIES", "TIME", "Series", "log_styles", "series_of", "values_of"]
 
-# The timelines: the frame's number, and its time in seconds as the tables have it.
-FRAME, TIME = "frame", "t_s"
+# The timelines: the frame's number, its time in seconds as the tables have it, and of a live source the time of day.
+FRAME, TIME, CLOCK = "frame", "t_s", "clock"
 
 _RED, _GREEN, _BLUE = (226, 74, 51), (46, 139, 87), (52, 110, 190)
 _GREY, _AMBER = (110, 110, 110), (214, 137, 16)

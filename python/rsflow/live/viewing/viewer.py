@@ -65,6 +65,8 @@ class Viewer:
         self._rr, self._outputs, self._source, self._live = rr, outputs, source, live
         self._series = plots.series_of(velocity=velocity)
         self._interval_s = 1.0 / rate_hz
+        # From the clock of live frames to the time of day.
+        self._epoch_s = time.time() - time.monotonic()
         self._scene, self._paths = Scene(), Paths()
         self._changed = threading.Condition()
         self._next: _Shown | None = None
@@ -187,6 +189,8 @@ class Viewer:
             stream.set_time(plots.FRAME, sequence=own.index)
             if math.isfinite(own.t_s):
                 stream.set_time(plots.TIME, duration=own.t_s)
+                if self._live:
+                    stream.set_time(plots.CLOCK, timestamp=self._epoch_s + own.t_s)
             for entity, archetype in entities:
                 stream.log(entity, archetype)
             if with_text:
@@ -204,6 +208,8 @@ class Viewer:
         indexes = [rr.TimeColumn(plots.FRAME, sequence=[row[0] for row in rows])]
         if all(math.isfinite(row[1]) for row in rows):
             indexes.append(rr.TimeColumn(plots.TIME, duration=[row[1] for row in rows]))
+            if self._live:
+                indexes.append(rr.TimeColumn(plots.CLOCK, timestamp=[self._epoch_s + row[1] for row in rows]))
         for place, series in enumerate(self._series):
             columns = plots.columns(rr, series, [row[2][place] for row in rows])
             for stream in streams:
