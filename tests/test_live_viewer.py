@@ -229,8 +229,8 @@ def test_a_viewer_that_is_held_up_holds_nothing_up(flight, monkeypatch, tmp_path
         done = live.watch(flight, real_time=True, on_frame=seen.append, **options, **SETTLED)
         delays[name] = np.median([frame.delay_s for frame in seen])
         assert done.frames + done.not_measured == 24
-    assert done.not_shown > 5
-    assert delays["with"] < 2 * delays["without"] + 0.05
+    assert done.not_shown >= min(5, done.frames // 3)
+    assert delays["with"] < 1.5 * delays["without"] + 0.12
     # Plots have what pictures have not, and of what is live the time of day.
     tables = read(done.files["recording"])
     assert len(tables["timing/delay_ms"]) == done.frames > len(tables["camera/picture"])
