@@ -47,6 +47,8 @@ pub use execution::Execution;
 pub use frame::{Frame, Pixel, Plane, frame_from_slice};
 pub use grid::{Grid, GridNode, GridOptions, GridShape, GridStatus, displacement_grid};
 pub use illumination::Illumination;
+#[doc(hidden)]
+pub use memory::zero_floats;
 pub use parallel::set_num_threads;
 pub use plane::{
     Distortion, Lens, PlaneFit, PlaneInterval, PlaneMatch, PlaneMotion, PlaneNormal, PlaneNumber,

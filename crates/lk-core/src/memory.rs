@@ -57,6 +57,16 @@ pub(crate) fn zeros<T: FromZeros>(what: &'static str, count: usize) -> Result<Ve
     T::new_vec_zeroed(count).map_err(|_| lacking::<T>(what, count))
 }
 
+/// [`zeros`] for those who hand over memory.
+///
+/// # Errors
+///
+/// [`Error::Memory`].
+#[doc(hidden)]
+pub fn zero_floats(what: &'static str, count: usize) -> Result<Vec<f32>> {
+    zeros(what, count)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -15,13 +15,6 @@ pub(crate) fn gathered<T>(
     taken(what, values.len(), values)
 }
 
-/// Zeros, to be written over.
-pub(crate) fn zeroed<T: Default + Clone>(what: &'static str, count: usize) -> PyResult<Vec<T>> {
-    let mut memory = with_room(what, count)?;
-    memory.resize(count, T::default());
-    Ok(memory)
-}
-
 fn with_room<T>(what: &'static str, count: usize) -> PyResult<Vec<T>> {
     let mut memory = Vec::new();
     memory.try_reserve_exact(count).map_err(|_| {

@@ -11,9 +11,14 @@ use pyo3::types::PyDict;
 use crate::errors::to_python;
 use crate::frames::{AnyFrame, mask as borrow_mask, with_view};
 use crate::interrupt;
-use crate::outputs::{filled, gathered, owned, zeroed};
+use crate::outputs::{filled, gathered, owned};
 use crate::shared::{Caller, Shared};
 use crate::states::elements;
+
+/// Floats that cost nothing before they are touched.
+fn zeros(what: &'static str, count: usize) -> PyResult<Vec<f32>> {
+    lk_core::zero_floats(what, count).map_err(|error| to_python(&error))
+}
 
 /// What memory for masks holds.
 const MASKS: &str = "masks";
@@ -123,8 +128,8 @@ impl PySegmenter {
     fn motion<'py>(&self, py: Python<'py>, least_px: f64) -> PyResult<Motion<'py>> {
         let ((width, height), length, motion) = self.call(py, |segmenter, execution| {
             let (width, height) = segmenter.frame_size();
-            let mut length = zeroed("lengths", width * height)?;
-            let mut motion = zeroed("a motion", 2 * width * height)?;
+            let mut length = zeros("lengths", width * height)?;
+            let mut motion = zeros("a motion", 2 * width * height)?;
             segmenter
                 .motion(least_px, &mut length, &mut motion, execution)
                 .map_err(|error| to_python(&error))?;
@@ -140,7 +145,7 @@ impl PySegmenter {
     fn scene<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let ((width, height), scene) = self.call(py, |segmenter, execution| {
             let (width, height) = segmenter.frame_size();
-            let mut scene = zeroed("a picture", width * height)?;
+            let mut scene = zeros("a picture", width * height)?;
             segmenter
                 .scene(&mut scene, execution)
                 .map_err(|error| to_python(&error))?;

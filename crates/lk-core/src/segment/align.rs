@@ -5,6 +5,8 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::memory::resize;
 use crate::parallel::{RowsMut, for_each_band};
+use crate::scratch::with_scratch;
+use crate::simd::{Kernel, LANES, Simd, dispatch};
 
 use super::morphology::Size;
 use super::slopes::{gradient, rows_around};
@@ -12,6 +14,7 @@ use super::transform::{IDENTITY, Map};
 
 /// Pixels of a tile along each axis.
 const TILE: usize = 16;
+const _: () = assert!(TILE == LANES);
 /// What a tile tells: gradients squared xx, xy, yy, and times the difference, x and y.
 const SUMS: usize = 5;
 /// Before anything is seen the map is within so many pixels of the right one, at the border of the frame: by shift, by
@@ -33,6 +36,92 @@ pub(crate) struct Pictures<'a> {
     pub(crate) noise: f32,
 }
 
+/// A row of pixels, added to the sums of its tiles: each pixel of a tile's width to a lane of its own.
+struct TileRow<'a> {
+    around: [&'a [f32]; 3],
+    picture: &'a [f32],
+    still: &'a [u8],
+    /// Differences beyond this, and the gradient, do not count.
+    reach: f32,
+    slopes: [&'a mut [f32]; 2],
+    sums: &'a mut [[[f32; LANES]; SUMS]],
+}
+
+impl Kernel for TileRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let [gx, gy] = self.slopes;
+        gradient(self.around, gx, gy);
+        let (whole_x, rest_x) = gx.as_chunks::<TILE>();
+        let (whole_y, rest_y) = gy.as_chunks::<TILE>();
+        let (pictures, rest_picture) = self.picture.as_chunks::<TILE>();
+        let (backgrounds, rest_background) = self.around[1].as_chunks::<TILE>();
+        let (stills, rest_still) = self.still.as_chunks::<TILE>();
+        let whole = whole_x.len();
+        for tile in 0..whole {
+            let slopes = [&whole_x[tile], &whole_y[tile]];
+            let pictures = [&pictures[tile], &backgrounds[tile]];
+            add(
+                slopes,
+                pictures,
+                &stills[tile],
+                self.reach,
+                &mut self.sums[tile],
+            );
+        }
+        if rest_still.is_empty() {
+            return;
+        }
+        // What is missing of the last tile does not stand still.
+        let count = rest_still.len();
+        let (mut still, mut planes) = ([0; TILE], [[0.0; TILE]; 4]);
+        still[..count].copy_from_slice(rest_still);
+        for (plane, rest) in planes
+            .iter_mut()
+            .zip([rest_x, rest_y, rest_picture, rest_background])
+        {
+            plane[..count].copy_from_slice(rest);
+        }
+        let [x, y, picture, background] = &planes;
+        add(
+            [x, y],
+            [picture, background],
+            &still,
+            self.reach,
+            &mut self.sums[whole],
+        );
+    }
+}
+
+/// Add a row of one tile.
+#[inline(always)]
+fn add(
+    [gx, gy]: [&[f32; TILE]; 2],
+    [picture, background]: [&[f32; TILE]; 2],
+    still: &[u8; TILE],
+    reach: f32,
+    sums: &mut [[f32; LANES]; SUMS],
+) {
+    let [xx, xy, yy, xd, yd] = sums;
+    for k in 0..TILE {
+        let d = picture[k] - background[k];
+        let limit = reach + gx[k].abs() + gy[k].abs();
+        let w = if d.abs() < limit {
+            f32::from(still[k])
+        } else {
+            0.0
+        };
+        let (wx, wy) = (w * gx[k], w * gy[k]);
+        xx[k] += wx * gx[k];
+        xy[k] += wx * gy[k];
+        yy[k] += wy * gy[k];
+        xd[k] += wx * d;
+        yd[k] += wy * d;
+    }
+}
+
 /// Memory that is kept.
 #[derive(Debug, Default)]
 pub(crate) struct Alignment {
@@ -52,48 +141,36 @@ impl Alignment {
         let stride = columns * SUMS;
         self.tiles.clear();
         resize("tiles", &mut self.tiles, rows * stride, 0.0)?;
+        let level = execution.simd_level();
         for_each_band(
             execution,
             rows,
             2,
             RowsMut::new(&mut self.tiles, stride),
             |band, mut part| {
-                let (mut gx, mut gy) = (vec![0.0; width], vec![0.0; width]);
-                for (local, row) in band.enumerate() {
-                    let tiles = part.row_mut(local);
-                    for y in row * TILE..((row + 1) * TILE).min(height) {
-                        let start = y * width;
-                        gradient(rows_around(of.background, of.size, y), &mut gx, &mut gy);
-                        for (column, sums) in tiles.as_chunks_mut::<SUMS>().0.iter_mut().enumerate()
-                        {
-                            let across = column * TILE..((column + 1) * TILE).min(width);
-                            let mut of_row = [0.0f32; SUMS];
-                            for x in across {
-                                let d = of.picture[start + x] - of.background[start + x];
-                                let (gx, gy) = (gx[x], gy[x]);
-                                let limit = REACH * of.noise + gx.abs() + gy.abs();
-                                let w = if d.abs() < limit {
-                                    f32::from(of.still[start + x])
-                                } else {
-                                    0.0
-                                };
-                                let (wx, wy) = (w * gx, w * gy);
-                                for (sum, value) in of_row.iter_mut().zip([
-                                    wx * gx,
-                                    wx * gy,
-                                    wy * gy,
-                                    wx * d,
-                                    wy * d,
-                                ]) {
-                                    *sum += value;
-                                }
-                            }
-                            for (sum, value) in sums.iter_mut().zip(of_row) {
-                                *sum += f64::from(value);
-                            }
+                with_scratch(2 * width + columns * SUMS * LANES, |scratch| {
+                    let (slopes, lanes) = scratch.split_at_mut(2 * width);
+                    let (gx, gy) = slopes.split_at_mut(width);
+                    let lanes = lanes.as_chunks_mut::<LANES>().0;
+                    for (local, row) in band.enumerate() {
+                        lanes.fill([0.0; LANES]);
+                        for y in row * TILE..((row + 1) * TILE).min(height) {
+                            let place = y * width..(y + 1) * width;
+                            let kernel = TileRow {
+                                around: rows_around(of.background, of.size, y),
+                                picture: &of.picture[place.clone()],
+                                still: &of.still[place],
+                                reach: REACH * of.noise,
+                                slopes: [&mut *gx, &mut *gy],
+                                sums: lanes.as_chunks_mut::<SUMS>().0,
+                            };
+                            dispatch(level, kernel);
+                        }
+                        for (sum, lanes) in part.row_mut(local).iter_mut().zip(&*lanes) {
+                            *sum = lanes.iter().map(|value| f64::from(*value)).sum();
                         }
                     }
-                }
+                })
             },
         )?;
         Ok(self.solve(of.size, f64::from(of.noise)))

@@ -9,7 +9,7 @@ use crate::parallel::{RowsMut, SplitRows, even_bands, for_each_band};
 use crate::simd::dispatch;
 
 use super::background_kernels::{
-    BLOCK, Distances, Refresh, RelitSamples, SAMPLES, UNITS, sample_of,
+    BLOCK, Distances, Refresh, RelitSamples, SAMPLES, UNITS, one_sample_of,
 };
 use super::light::Light;
 use super::morphology::Size;
@@ -258,7 +258,7 @@ impl Part<'_> {
             let slot = (random >> 32) as usize % SAMPLES;
             if self.all_old(start, first, [seen, away, adopt]) {
                 let at = start + first + chosen;
-                self.samples[slot][at] = sample_of(pixels[chosen]);
+                self.samples[slot][at] = one_sample_of(pixels[chosen]);
                 for age in &mut self.age[start + first..][..RATE] {
                     *age = age.saturating_add(1);
                 }
@@ -270,7 +270,7 @@ impl Part<'_> {
                     continue;
                 }
                 let at = start + x;
-                let sample = sample_of(*value);
+                let sample = one_sample_of(*value);
                 if self.known[at] == 0 || adopt[x] == 1 {
                     for plane in &mut self.samples {
                         plane[at] = sample;

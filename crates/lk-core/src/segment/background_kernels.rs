@@ -16,6 +16,15 @@ pub(super) fn sample_of(value: f32) -> i16 {
     (value * UNITS + 0.5).floor() as i16
 }
 
+/// [`sample_of`] of single values: where there is no instruction for it, rounding down is a call.
+#[inline(always)]
+pub(super) fn one_sample_of(value: f32) -> i16 {
+    let value = value * UNITS + 0.5;
+    let whole = value as i32;
+    let whole = whole.saturating_sub(i32::from(whole as f32 > value));
+    whole.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16
+}
+
 pub(super) struct RelitSamples<'a> {
     pub(super) gain: &'a [f32],
     pub(super) offset: &'a [f32],

@@ -8,7 +8,7 @@ use crate::simd::{Kernel, Simd, dispatch};
 
 use super::box_filter::{Window, window_means};
 use super::morphology::Size;
-use super::slopes::{gradient, rows_around};
+use super::slopes::rows_around;
 
 /// Mean squared deviations over the window from which on it did, and the most of one pixel.
 const CHANGED: f32 = 2.6;
@@ -39,19 +39,18 @@ pub(crate) fn changed(of: &Pictures<'_>, to: &mut Vec<u8>, execution: &Execution
     resize("masks", to, width * height, 0)?;
     let level = execution.simd_level();
     let place = |y: usize| y * width..(y + 1) * width;
-    let fill = |y: usize, [squares, spare]: [&mut [f32]; 2]| {
+    let fill = |y: usize, [to]: [&mut [f32]; 1]| {
         let kernel = Squares {
             around: rows_around(of.now, of.size, y),
             before: &of.before[place(y)],
             both: &of.both[place(y)],
             noise: 2.0 * of.noise * of.noise,
             part: REGISTRATION_PX2[usize::from(of.moves)],
-            to: [squares, spare],
+            to,
         };
         dispatch(level, kernel);
-        spare.fill(0.0);
     };
-    let emit = |local: usize, y: usize, [means, _]: [&[f32]; 2], to: &mut RowsMut<'_, u8>| {
+    let emit = |local: usize, y: usize, [means]: [&[f32]; 1], to: &mut RowsMut<'_, u8>| {
         let kernel = Above {
             means,
             both: &of.both[place(y)],
@@ -75,7 +74,7 @@ struct Squares<'a> {
     both: &'a [u8],
     noise: f32,
     part: f32,
-    to: [&'a mut [f32]; 2],
+    to: &'a mut [f32],
 }
 
 impl Kernel for Squares<'_> {
@@ -83,16 +82,38 @@ impl Kernel for Squares<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let [gx, gy] = self.to;
-        gradient(self.around, gx, gy);
-        let from = self.around[1].iter().zip(self.before).zip(self.both);
-        for ((gx, gy), ((now, before), both)) in gx.iter_mut().zip(gy.iter()).zip(from) {
-            let scale = self.noise + self.part * (*gx * *gx + *gy * *gy);
-            let d = now - before;
-            let square = d * d / scale;
-            *gx = f32::from(*both) * if square < MOST { square } else { MOST };
+        let [above, row, below] = self.around;
+        let Some(last) = row.len().checked_sub(1) else {
+            return;
+        };
+        // The border is repeated.
+        for x in [0, last] {
+            let right = 0.5 * (row[(x + 1).min(last)] - row[x.saturating_sub(1)]);
+            let slopes = [right, 0.5 * (below[x] - above[x])];
+            let d = row[x] - self.before[x];
+            self.to[x] = square([self.noise, self.part], slopes, d, self.both[x]);
+        }
+        if last < 2 {
+            return;
+        }
+        let inner = last - 1;
+        let (left, now, right) = (&row[..inner], &row[1..][..inner], &row[2..][..inner]);
+        let (above, below) = (&above[1..][..inner], &below[1..][..inner]);
+        let (before, both) = (&self.before[1..][..inner], &self.both[1..][..inner]);
+        let (noise, part) = (self.noise, self.part);
+        let to = &mut self.to[1..][..inner];
+        for x in 0..inner {
+            let slopes = [0.5 * (right[x] - left[x]), 0.5 * (below[x] - above[x])];
+            to[x] = square([noise, part], slopes, now[x] - before[x], both[x]);
         }
     }
+}
+
+/// How many variances the square of a difference has.
+#[inline(always)]
+fn square([noise, part]: [f32; 2], [gx, gy]: [f32; 2], d: f32, both: u8) -> f32 {
+    let square = d * d / (noise + part * (gx * gx + gy * gy));
+    f32::from(both) * if square < MOST { square } else { MOST }
 }
 
 struct Above<'a> {

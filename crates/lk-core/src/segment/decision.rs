@@ -102,21 +102,20 @@ impl Segmenter {
         let (state, work) = (&mut self.state, &mut self.work);
         resize("masks", &mut work.begins, size.0 * size.1, 0)?;
         let masks = [&mut work.begins, &mut work.spare];
-        state.flutter.update(&work.going, size, masks, execution)?;
-        for (begins, (age, by_flow)) in work
-            .begins
-            .iter()
-            .zip(state.background.age.iter_mut().zip(&mut work.by_flow))
-        {
-            if *begins == 1 {
-                *age = (*age).min(1);
-                *by_flow = 0;
+        if state.flutter.update(&work.going, size, masks, execution)? {
+            let places = state.background.age.iter_mut().zip(&mut work.by_flow);
+            for (begins, (age, by_flow)) in work.begins.iter().zip(places) {
+                if *begins == 1 {
+                    *age = (*age).min(1);
+                    *by_flow = 0;
+                }
             }
         }
-        let hides = work.by_flow.iter().zip(&work.going);
-        let hides = hides.map(|(by_flow, going)| by_flow | u8::from(*going == Going::LEFT));
-        work.hides.clear();
-        replace("masks", &mut work.hides, hides)?;
+        resize("masks", &mut work.hides, size.0 * size.1, 0)?;
+        let from = work.by_flow.iter().zip(&work.going);
+        for (hides, (by_flow, going)) in work.hides.iter_mut().zip(from) {
+            *hides = by_flow | u8::from(*going == Going::LEFT);
+        }
         Ok(())
     }
 

@@ -22,6 +22,8 @@ const PERIOD: u8 = 25;
 const MOST_PX: u8 = 8;
 /// So many turns, one after the other, are no thing that comes after another.
 const TURNS: u8 = 3;
+/// Places that are looked at together.
+const BLOCK: usize = 64;
 /// Frames without a turn after which a place flutters no more.
 const MEMORY: u8 = 120;
 /// What is around a place that flutters does so too, in pixels.
@@ -39,6 +41,11 @@ pub(crate) struct Going {
 impl Going {
     /// Something was just seen to leave this place.
     pub(super) const LEFT: Self = Self { way: 255, pace: 0 };
+
+    /// Whether it is not the default.
+    pub(super) fn goes(self) -> bool {
+        self.way > 0
+    }
 
     /// Of a motion in pixels.
     pub(super) fn of([u, v]: [f32; 2]) -> Self {
@@ -104,28 +111,38 @@ impl Flutter {
         Ok(())
     }
 
-    /// Take how each place goes. What begins to flutter is written to `begins`; `spare` is of the same size.
+    /// Take how each place goes, and say whether anything begins to flutter; where is written to `begins` then. `spare` is of
+    /// the same size.
     pub(crate) fn update(
         &mut self,
         going: &[Going],
         size: Size,
         [begins, spare]: [&mut Vec<u8>; 2],
         execution: &Execution,
-    ) -> Result<()> {
+    ) -> Result<bool> {
         let mut turned = 0;
-        let states = self.way.iter_mut().zip(&mut self.since);
-        let states = states.zip(self.path.iter_mut().zip(&mut self.turns));
-        for (((way, since), (path, turns)), now) in states.zip(going) {
-            if *way > 0 || now.way > 0 {
-                step([way, since, path, turns], *now);
-                turned |= *turns;
+        let states = self.way.chunks_mut(BLOCK).zip(self.since.chunks_mut(BLOCK));
+        let more = self
+            .path
+            .chunks_mut(BLOCK)
+            .zip(self.turns.chunks_mut(BLOCK));
+        for (((ways, since), (path, turns)), now) in states.zip(more).zip(going.chunks(BLOCK)) {
+            // Most blocks have nothing in them, which is seen in lanes.
+            let any = ways.iter().fold(0, |any, way| any | way);
+            if any | now.iter().fold(0, |any, now| any | now.way) == 0 {
+                continue;
+            }
+            for (at, (way, now)) in ways.iter_mut().zip(now).enumerate() {
+                if *way > 0 || now.way > 0 {
+                    step([way, &mut since[at], &mut path[at], &mut turns[at]], *now);
+                    turned |= turns[at];
+                }
             }
         }
-        begins.fill(0);
         if turned < TURNS {
             // Also where the last one has just ended: few.
             self.mask.fill(0);
-            return Ok(());
+            return Ok(false);
         }
         for (to, turns) in begins.iter_mut().zip(&self.turns) {
             *to = u8::from(*turns >= TURNS);
@@ -141,7 +158,7 @@ impl Flutter {
         for (begins, (before, now)) in begins.iter_mut().zip(spare.iter().zip(&self.mask)) {
             *begins = now & (1 - before);
         }
-        Ok(())
+        Ok(true)
     }
 }
 

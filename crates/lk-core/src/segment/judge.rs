@@ -7,6 +7,7 @@ use crate::memory::resize;
 
 use super::components::{Region, Runs};
 use super::morphology::{Element, Size, dilate, erode};
+use super::runs::next;
 
 /// For how many frames after it moved a thing that differs from the background is still called moving; for how many where
 /// its rim does not say which.
@@ -62,7 +63,7 @@ pub(crate) struct Judge {
     of_whole: Vec<u32>,
     of_part: Vec<u32>,
     changes: Vec<u64>,
-    unknown: Vec<u64>,
+    known: Vec<u64>,
     rims: Vec<Rim>,
 }
 
@@ -135,10 +136,7 @@ impl Judge {
         self.parts.paint(|_| true, 0, &mut self.of_part);
         self.parts.label(&self.quiet, size)?;
         self.parts.paint_labels(&mut self.of_part);
-        for (unknown, known) in self.spare.iter_mut().zip(of.known) {
-            *unknown = 1 - known;
-        }
-        self.parts.sum_bytes(&self.spare, &mut self.unknown)?;
+        self.parts.sum_bytes(of.known, &mut self.known)?;
         self.find_rims(of, heat, execution)?;
         self.decide(of, heat);
         Ok(())
@@ -191,11 +189,18 @@ impl Judge {
             execution,
         )?;
         for y in 0..height {
-            for x in 0..width {
-                let at = y * width + x;
-                if self.rim[at] == 0 || self.near[at] == 1 {
+            let row = &self.rim[y * width..(y + 1) * width];
+            let mut x = next(row, 0, 1);
+            while x < width {
+                let (here, at) = (x, y * width + x);
+                x += 1;
+                if row.get(x) != Some(&1) {
+                    x = next(row, x, 1);
+                }
+                if self.near[at] == 1 {
                     continue;
                 }
+                let x = here;
                 let across = x.saturating_sub(1)..(x + 2).min(width);
                 let rows = y.saturating_sub(1)..(y + 2).min(height);
                 let labels = rows.flat_map(|y| &self.of_part[y * width..][across.clone()]);
@@ -219,7 +224,7 @@ impl Judge {
             let made = rim.count * noise;
             let (before, here) = ((rim.before - made).max(0.0), (rim.here - made).max(0.0));
             let area = f64::from(self.parts.regions()[label].area);
-            let unknown = self.unknown[label] as f64 > 0.5 * area;
+            let unknown = (self.known[label] as f64) < 0.5 * area;
             let region = &self.parts.regions()[label];
             let left = !unknown
                 && before > RIM * here

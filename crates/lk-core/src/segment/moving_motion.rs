@@ -11,8 +11,9 @@ use super::segmenter::Segmenter;
 
 impl Segmenter {
     /// Write, for each pixel of the last frame, the length of the motion that the camera's does not explain, and where
-    /// something moves and the flow is trusted that motion itself, x and y; NaN where it is not known, the motion also where
-    /// it is shorter than `least_px`: flow within a thing is often that of the ground around it.
+    /// something moves that motion itself, x and y; NaN where it is not known, the motion also where the flow is not trusted or
+    /// it is shorter than `least_px`: flow within a thing is often that of the ground around it. Where nothing moves no motion
+    /// is written.
     ///
     /// # Errors
     ///
@@ -71,7 +72,6 @@ impl Segmenter {
                     for row in others.chunks_exact_mut(width) {
                         row.copy_from_slice(first);
                     }
-                    motions.fill(f32::NAN);
                     for (row, to) in motions.chunks_exact_mut(2 * width).enumerate() {
                         let at = y * factor + row;
                         let moving = &self.moving()[at * width..(at + 1) * width];
@@ -79,9 +79,12 @@ impl Segmenter {
                         let mut x = next(moving, 0, 1);
                         while x < width {
                             let from = x / factor;
-                            if trusted[x / step] == 1 && squares[from] >= least {
-                                to[2 * x..2 * x + 2]
-                                    .copy_from_slice(&residual[2 * from..2 * from + 2]);
+                            let told = trusted[x / step] == 1 && squares[from] >= least;
+                            for (to, part) in to[2 * x..]
+                                .iter_mut()
+                                .zip(&residual[2 * from..2 * from + 2])
+                            {
+                                *to = if told { *part } else { f32::NAN };
                             }
                             x += 1;
                             if moving.get(x) != Some(&1) {
@@ -205,6 +208,7 @@ mod tests {
                             && trusted[y / step * of.0 + x / step] == 1;
                         for (got, value) in motion[2 * at..2 * at + 2].iter().zip([u, v]) {
                             let want = if told { value } else { f32::NAN };
+                            let want = if moving[at] == 1 { want } else { 7.0 };
                             assert!(
                                 got.to_bits() == want.to_bits() || (got.is_nan() && want.is_nan())
                             );

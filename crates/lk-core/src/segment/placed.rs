@@ -11,7 +11,6 @@ use crate::simd::{SimdLevel, dispatch};
 
 use super::morphology::Size;
 use super::placed_kernels::{Covered, Nearest};
-use super::runs::next;
 use super::sampling::{Cubic, Places};
 use super::transform::{Map, applied, inverse};
 
@@ -84,6 +83,16 @@ pub(crate) fn nearest<T: Copy + Send + Sync>(
     let columns = to_size.0;
     let rows = even_bands(execution, to_size.1, [65_536 / columns, 16_384 / columns]);
     let outputs = RowsMut::new(to, columns);
+    if let Some([right, down]) = whole_pixels(map) {
+        return for_each_band(execution, to_size.1, rows, outputs, |band, mut part| {
+            for (local, y) in band.enumerate() {
+                let y = y as i64 + down;
+                let row = usize::try_from(y).ok().filter(|y| *y < height);
+                let row = row.map_or(&[][..], |y| &from[y * width..(y + 1) * width]);
+                copy_shifted(row, right, missing, part.row_mut(local));
+            }
+        });
+    }
     for_each_band(execution, to_size.1, rows, outputs, |band, mut part| {
         with_scratch(2 * columns, |spare| {
             for (local, y) in band.enumerate() {
@@ -100,18 +109,72 @@ pub(crate) fn nearest<T: Copy + Send + Sync>(
     })
 }
 
+/// The pixels that a map goes to the right and down, if it does nothing else.
+fn whole_pixels(map: &Map) -> Option<[i64; 2]> {
+    let [[a, b, right], [d, e, down], last] = *map;
+    let straight = [a, b] == [1.0, 0.0] && [d, e] == [0.0, 1.0] && last == [0.0, 0.0, 1.0];
+    let whole = |way: f64| way.fract() == 0.0 && way.abs() < 1e6;
+    (straight && whole(right) && whole(down)).then_some([right as i64, down as i64])
+}
+
+/// Write a row that begins `right` pixels on in another one.
+fn copy_shifted<T: Copy>(from: &[T], right: i64, missing: T, to: &mut [T]) {
+    let (skip, at) = (right.max(0) as usize, (-right).max(0) as usize);
+    let from = from.get(skip..).unwrap_or_default();
+    let at = at.min(to.len());
+    let (before, rest) = to.split_at_mut(at);
+    let count = from.len().min(rest.len());
+    before.fill(missing);
+    rest[..count].copy_from_slice(&from[..count]);
+    rest[count..].fill(missing);
+}
+
 /// [`nearest`] of a mask, of which little is set: 0 beyond.
 ///
 /// # Errors
 ///
 /// Those of the execution.
 pub(crate) fn nearest_mask(
-    (from, size): (&[u8], Size),
+    from: (&[u8], Size),
     map: &Map,
-    (to, to_size): (&mut [u8], Size),
+    to: (&mut [u8], Size),
     execution: &Execution,
 ) -> Result<()> {
-    seen_of_mask((from, size), map, (to, to_size), false, execution)
+    nearest_of_few(from, |set| *set == 1, map, to, 0, execution)
+}
+
+/// [`nearest`] of a plane that has nothing but `missing` at most places: `set` says where it has something else.
+///
+/// # Errors
+///
+/// Those of the execution.
+pub(crate) fn nearest_of_few<T: Copy + Send + Sync>(
+    (from, size): (&[T], Size),
+    set: impl Fn(&T) -> bool,
+    map: &Map,
+    (to, to_size): (&mut [T], Size),
+    missing: T,
+    execution: &Execution,
+) -> Result<()> {
+    to.fill(missing);
+    let level = execution.simd_level();
+    let write = |places: [&[f32]; 2], to: &mut [T]| {
+        let kernel = Nearest {
+            from,
+            size,
+            places,
+            missing,
+            to,
+        };
+        dispatch(level, kernel);
+    };
+    where_set(
+        &spans(from, size, set)?,
+        map,
+        (to, to_size),
+        write,
+        execution,
+    )
 }
 
 /// Write where a mask covers at least half of what is around the place that `map` takes each pixel of `to` to.
@@ -120,26 +183,35 @@ pub(crate) fn nearest_mask(
 ///
 /// Those of the execution.
 pub(crate) fn covered(
-    from: (&[u8], Size),
-    map: &Map,
-    (to, to_size): (&mut [u8], Size),
-    execution: &Execution,
-) -> Result<()> {
-    seen_of_mask(from, map, (to, to_size), true, execution)
-}
-
-/// Write what a mask has at the nearest pixel, or `by_half` where it covers half of what is around a place, in the part of
-/// `to` that something set can come to; 0 in the rest.
-fn seen_of_mask(
     (from, size): (&[u8], Size),
     map: &Map,
     (to, to_size): (&mut [u8], Size),
-    by_half: bool,
     execution: &Execution,
 ) -> Result<()> {
     to.fill(0);
-    let spans = spans(from, size)?;
-    let Some([columns, rows]) = reached(&spans, map, to_size) else {
+    let level = execution.simd_level();
+    let write = |places: [&[f32]; 2], to: &mut [u8]| {
+        let kernel = Covered {
+            from,
+            size,
+            places,
+            to,
+        };
+        dispatch(level, kernel);
+    };
+    let spans = spans(from, size, |set| *set == 1)?;
+    where_set(&spans, map, (to, to_size), write, execution)
+}
+
+/// Write rows in the part of `to` that what is set in a plane can come to: `write` is called with places and what stands there.
+fn where_set<T: Send>(
+    spans: &[Span],
+    map: &Map,
+    (to, to_size): (&mut [T], Size),
+    write: impl Fn([&[f32]; 2], &mut [T]) + Sync,
+    execution: &Execution,
+) -> Result<()> {
+    let Some([columns, rows]) = reached(spans, map, to_size) else {
         return Ok(());
     };
     let level = execution.simd_level();
@@ -153,30 +225,12 @@ fn seen_of_mask(
                 let y = rows.start + y;
                 let [px, py] = places(map, y, columns.clone(), spare, level);
                 let ends = [columns.start, columns.end - 1];
-                let Some(part_of) = between(&spans, [px, py], ends.map(|x| depth(map, x, y)))
-                else {
+                let Some(part_of) = between(spans, [px, py], ends.map(|x| depth(map, x, y))) else {
                     continue;
                 };
                 let places = [&px[part_of.clone()], &py[part_of.clone()]];
                 let to = &mut part.row_mut(local)[columns.clone()][part_of];
-                if by_half {
-                    let kernel = Covered {
-                        from,
-                        size,
-                        places,
-                        to,
-                    };
-                    dispatch(level, kernel);
-                } else {
-                    let kernel = Nearest {
-                        from,
-                        size,
-                        places,
-                        missing: 0,
-                        to,
-                    };
-                    dispatch(level, kernel);
-                }
+                write(places, to);
             }
         })
     })
@@ -186,13 +240,14 @@ fn seen_of_mask(
 type Span = (u32, u32);
 const NOTHING: Span = (u32::MAX, 0);
 
-fn spans(mask: &[u8], (width, height): Size) -> Result<Vec<Span>> {
+fn spans<T>(plane: &[T], (width, height): Size, set: impl Fn(&T) -> bool) -> Result<Vec<Span>> {
     let mut spans = Vec::new();
     resize("rows of a mask", &mut spans, height, NOTHING)?;
-    for (span, row) in spans.iter_mut().zip(mask.chunks_exact(width.max(1))) {
-        let first = next(row, 0, 1);
-        if first < width {
-            let last = row.iter().rposition(|set| *set == 1).unwrap_or(first);
+    for (span, row) in spans.iter_mut().zip(plane.chunks_exact(width.max(1))) {
+        // A row in which nothing is set is read in lanes.
+        if row.iter().fold(false, |any, value| any | set(value)) {
+            let first = row.iter().position(&set).unwrap_or(0);
+            let last = row.iter().rposition(&set).unwrap_or(first);
             *span = (first as u32, last as u32);
         }
     }
@@ -271,76 +326,4 @@ fn reached(spans: &[Span], map: &Map, (columns, rows): Size) -> Option<[Range<us
 }
 
 #[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::super::transform::{along_row, shift};
-    use super::*;
-    use crate::segment::made::{Numbers, every_way, mask};
-
-    #[test]
-    fn whole_pixels_move_without_a_change() {
-        let size = (7, 5);
-        let from: Vec<f32> = (0..35).map(|k| (k * k % 13) as f32).collect();
-        let map = shift(2.0, 1.0);
-        let moved = Moved {
-            from: (&from, size),
-            map: &map,
-        };
-        for y in 0..4 {
-            let (mut row, mut inside, mut spare) = (vec![0.0; 7], vec![0; 7], vec![0.0; 14]);
-            moved.row(y, &mut row, &mut inside, &mut spare, SimdLevel::detected());
-            assert_eq!(row[..5], from[(y + 1) * 7 + 2..(y + 2) * 7]);
-            assert_eq!(inside, [1, 1, 1, 1, 1, 0, 0]);
-        }
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(48))]
-
-        #[test]
-        fn masks_are_seen_where_single_places_say(
-            w in 1usize..90, h in 1usize..40, seed in any::<u64>(), share in 0usize..4, kind in 0..5
-        ) {
-            let (size, to_size) = ((w, h), (w + 7, h + 3));
-            let mut numbers = Numbers::new(seed);
-            let mut n = |size: f64| size * numbers.normal();
-            let map = match kind {
-                0 => shift(n(3.0).round(), n(2.0).round()),
-                1 => [[0.5, 0.0, -0.25], [0.0, 0.5, -0.25], [0.0, 0.0, 1.0]],
-                2 => [[1.0 + n(0.1), n(0.1), n(3.0)], [n(0.1), 1.0 + n(0.1), n(3.0)], [0.0, 0.0, 1.0]],
-                3 => [[1.0, n(0.05), n(3.0)], [n(0.05), 1.0, n(3.0)], [n(0.03), n(0.03), 1.0]],
-                _ => [[0.0; 3]; 3],
-            };
-            let from = mask(size, [0.0, 0.002, 0.05, 0.6][share], seed);
-            let (mut want, mut half) = (vec![0; to_size.0 * to_size.1], vec![0; to_size.0 * to_size.1]);
-            for y in 0..to_size.1 {
-                along_row(&map, y, to_size.0, |x, px, py| {
-                    let at = y * to_size.0 + x;
-                    let (nx, ny) = (px + 0.5, py + 0.5);
-                    if nx >= 0.0 && ny >= 0.0 && nx < w as f32 && ny < h as f32 {
-                        want[at] = from[ny as usize * w + nx as usize];
-                    }
-                    if px > -1.0 && py > -1.0 && px < w as f32 && py < h as f32 {
-                        let (left, top) = (px.max(0.0) as usize, py.max(0.0) as usize);
-                        let (right, down) = ((left + 1).min(w - 1), (top + 1).min(h - 1));
-                        let of = |y: usize, x: usize| f32::from(from[y * w + x]);
-                        let (fx, fy) = (px - left as f32, py - top as f32);
-                        let upper = of(top, left) + fx * (of(top, right) - of(top, left));
-                        let lower = of(down, left) + fx * (of(down, right) - of(down, left));
-                        half[at] = u8::from(upper + fy * (lower - upper) >= 0.5);
-                    }
-                });
-            }
-            for execution in every_way() {
-                let mut to = vec![7; want.len()];
-                nearest_mask((&from, size), &map, (&mut to, to_size), &execution).unwrap();
-                prop_assert_eq!(&to, &want);
-                nearest((&from, size), &map, (&mut to, to_size), 0, &execution).unwrap();
-                prop_assert_eq!(&to, &want);
-                covered((&from, size), &map, (&mut to, to_size), &execution).unwrap();
-                prop_assert_eq!(&to, &half);
-            }
-        }
-    }
-}
+mod tests;

@@ -10,7 +10,7 @@ use super::background::moved;
 use super::camera::CameraMotion;
 use super::canvas::{Canvas, Moved};
 use super::flutter::Going;
-use super::placed::{self, nearest, nearest_mask};
+use super::placed::{self, nearest, nearest_mask, nearest_of_few};
 use super::segmenter::Segmenter;
 use super::transform::{IDENTITY, Map, inverse, product};
 use crate::scratch::with_scratch;
@@ -47,11 +47,13 @@ impl Segmenter {
             self.state.seen.iter().copied(),
         )?;
         self.warp(execution)?;
-        self.place_evidence(execution)?;
+        self.place_moving(execution)?;
         self.match_light(execution)?;
         if !self.options.camera_moves {
+            self.place_going(execution)?;
             return Ok(camera.homography);
         }
+        let placed = self.state.canvas.to_canvas;
         for _ in 0..ALIGNMENTS {
             let of = align::Pictures {
                 size: self.state.canvas.size,
@@ -71,7 +73,10 @@ impl Segmenter {
             self.warp(execution)?;
             self.relight(execution)?;
         }
-        self.place_evidence(execution)?;
+        if self.state.canvas.to_canvas != placed {
+            self.place_moving(execution)?;
+        }
+        self.place_going(execution)?;
         Ok(product(
             &self.state.canvas.to_frame(),
             &product(&to_new, &before),
@@ -145,34 +150,30 @@ impl Segmenter {
         Ok(())
     }
 
-    /// What moves by its flow, on the canvas.
-    pub(super) fn place_evidence(&mut self, execution: &Execution) -> Result<()> {
-        let (size, small, factor) = (
-            self.state.canvas.size,
-            self.reduced_size(),
-            self.factor() as f64,
-        );
-        let nowhere = Going::default();
-        resize("masks", &mut self.work.by_flow, size.0 * size.1, 0)?;
-        resize("directions", &mut self.work.going, size.0 * size.1, nowhere)?;
+    /// From pixels of the canvas to those that flow is judged on.
+    fn to_reduced(&self) -> Map {
+        let factor = self.factor() as f64;
         let s = (1.0 / factor - 1.0) / 2.0;
         let down = [
             [1.0 / factor, 0.0, s],
             [0.0, 1.0 / factor, s],
             [0.0, 0.0, 1.0],
         ];
-        let map = product(&down, &self.state.canvas.to_frame());
+        product(&down, &self.state.canvas.to_frame())
+    }
+
+    /// What moves by its flow, on the canvas.
+    pub(super) fn place_moving(&mut self, execution: &Execution) -> Result<()> {
+        let (size, small, map) = (
+            self.state.canvas.size,
+            self.reduced_size(),
+            self.to_reduced(),
+        );
+        resize("masks", &mut self.work.by_flow, size.0 * size.1, 0)?;
         nearest_mask(
             (&self.work.evidence.moving, small),
             &map,
             (&mut self.work.by_flow, size),
-            execution,
-        )?;
-        nearest(
-            (&self.work.evidence.going, small),
-            &map,
-            (&mut self.work.going, size),
-            nowhere,
             execution,
         )?;
         // What goes to and fro is no thing.
@@ -181,6 +182,25 @@ impl Segmenter {
             *by_flow &= seen & (1 - flutters);
         }
         Ok(())
+    }
+
+    /// Which way it goes there.
+    fn place_going(&mut self, execution: &Execution) -> Result<()> {
+        let (size, small, map) = (
+            self.state.canvas.size,
+            self.reduced_size(),
+            self.to_reduced(),
+        );
+        let nowhere = Going::default();
+        resize("directions", &mut self.work.going, size.0 * size.1, nowhere)?;
+        nearest_of_few(
+            (&self.work.evidence.going, small),
+            |going| going.goes(),
+            &map,
+            (&mut self.work.going, size),
+            nowhere,
+            execution,
+        )
     }
 }
 

@@ -1,4 +1,4 @@
-use super::super::background_kernels::Sort;
+use super::super::background_kernels::{Sort, sample_of};
 use super::*;
 use crate::segment::made::{Numbers, greys, mask};
 
@@ -20,6 +20,25 @@ fn columns_are_sorted() {
     }
     dispatch(crate::SimdLevel::detected(), Sort(&mut block));
     assert_eq!(block, want);
+}
+
+#[test]
+fn single_values_are_rounded_as_those_in_lanes() {
+    let mut numbers = Numbers::new(9);
+    let odd = [
+        f32::NAN,
+        f32::INFINITY,
+        f32::NEG_INFINITY,
+        -0.03125,
+        0.0,
+        1e9,
+        -1e9,
+        3e38,
+    ];
+    let many = (0..20_000).map(|_| (400.0 * numbers.normal()) as f32);
+    for value in many.chain(odd) {
+        assert_eq!(one_sample_of(value), sample_of(value), "{value}");
+    }
 }
 
 #[test]
