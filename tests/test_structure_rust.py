@@ -17,7 +17,7 @@ BINDING = ROOT / "crates" / "rsflow-py"
 FLOORS = (
     ("error",),
     ("options", "memory", "threads", "simd"),
-    ("illumination", "execution"),
+    ("illumination", "execution", "ink"),
     ("parallel", "scratch"),
     ("frame",),
     ("grey", "phase", "presmooth"),

@@ -20,6 +20,7 @@ mod frame;
 mod grey;
 mod grid;
 mod illumination;
+mod ink;
 mod memory;
 mod options;
 mod parallel;
@@ -47,6 +48,7 @@ pub use execution::Execution;
 pub use frame::{Frame, Pixel, Plane, frame_from_slice};
 pub use grid::{Grid, GridNode, GridOptions, GridShape, GridStatus, displacement_grid};
 pub use illumination::Illumination;
+pub use ink::{Ink, lay_ink};
 #[doc(hidden)]
 pub use memory::zero_floats;
 pub use parallel::set_num_threads;

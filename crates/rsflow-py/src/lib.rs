@@ -7,6 +7,7 @@ mod errors;
 mod flow;
 mod frames;
 mod grid;
+mod ink;
 mod interrupt;
 mod outputs;
 mod plane;
@@ -128,6 +129,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<tracker::PyPointTracker>()?;
     plane::register(module)?;
     segmenter::register(module)?;
+    ink::register(module)?;
     module.add_function(wrap_pyfunction!(shift::estimate_shift, module)?)?;
     module.add_function(wrap_pyfunction!(shift::shift_statuses, module)?)?;
     Ok(())

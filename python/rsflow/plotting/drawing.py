@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import _checks
+from .. import _checks, _core
 from ..errors import OptionError
 from ..io.atomic import writing
 
@@ -29,10 +29,9 @@ _PANEL: Color = (24, 24, 24)
 _PLAIN_SIDE = 1000
 # So many lines are drawn one by one.
 _FEW_LINES = 200
-# A rim takes this share of the light away.
-_RIM = 0.85
-_BESIDE_RIM = (255 - np.arange(256) * _RIM).astype(np.uint8)
 _SQUARE = np.ones((3, 3), np.uint8)
+# What a panel leaves of each level.
+_DARKER = (np.arange(256) * 0.3 + _PANEL[0] * 0.7).astype(np.uint8)
 
 
 def distinct_color(number: int) -> Color:
@@ -134,17 +133,16 @@ def _laid_over(picture: NDArray[np.uint8], groups: tuple[Strokes, ...]) -> None:
             cv2.max(ink, cv2.dilate(own, shape), ink)
         for color, numbers in group.by_color().items():
             colored.append((color, [fixed[number] for number in numbers], group.width))
-    rim = cv2.GaussianBlur(cv2.dilate(ink, _SQUARE), (3, 3), 0)
-    kept = cv2.min(cv2.bitwise_not(ink), cv2.LUT(rim, _BESIDE_RIM))
-    # Most lines have one colour: only the others have to be found in the picture.
+    rim = np.asarray(cv2.GaussianBlur(cv2.dilate(ink, _SQUARE), (3, 3), 0), np.uint8)
+    # Most lines have one colour: only the others have to be found in the picture, as many as a byte tells apart.
     usual = max(colored, key=lambda each: len(each[1]))[0]
-    added = np.empty_like(part)
-    added[:] = usual
-    for color, fixed, width in colored:
-        if color != usual:
-            cv2.polylines(added, fixed, False, color, width + 2, cv2.LINE_8, _SHIFT)
-    added = np.asarray(cv2.multiply(added, cv2.merge([ink] * 3), scale=1 / 255), np.uint8)
-    cv2.add(cv2.multiply(part, cv2.merge([kept] * 3), scale=1 / 255), added, part)
+    others = [each for each in colored if each[0] != usual][:255]
+    which = None
+    if others:
+        which = np.zeros_like(ink)
+        for number, (_, fixed, width) in enumerate(others, 1):
+            cv2.polylines(which, fixed, False, number, width + 2, cv2.LINE_8, _SHIFT)
+    _core.lay_ink(part, ink, rim, which, [usual, *(color for color, _, _ in others)])
 
 
 def disc(picture: NDArray[np.uint8], centre: NDArray[np.floating], radius: int, color: Color) -> None:
@@ -183,7 +181,10 @@ def put_text(
 def panel(picture: NDArray[np.uint8], left: int, top: int, right: int, bottom: int) -> None:
     """Darken a box in place, as the ground of a legend."""
     box = picture[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)]
-    box[...] = (box * 0.3 + np.array(_PANEL) * 0.7).astype(np.uint8)
+    if box.size:
+        import cv2
+
+        box[...] = cv2.LUT(box, _DARKER)
 
 
 def round_number(value: float, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> float:
