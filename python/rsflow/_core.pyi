@@ -19,8 +19,11 @@ __all__ = [
     "gaussian_pyramid",
     "get_num_threads",
     "grid_statuses",
+    "lay_ink",
+    "observe_regions",
     "plane_tile_statuses",
     "point_statuses",
+    "ride",
     "set_num_threads",
     "shift_statuses",
     "track_points",
@@ -212,6 +215,29 @@ class Segmenter:
     def state(self) -> dict[str, Any]: ...
     def restore(self, state: dict[str, Any]) -> None: ...
 
+# Labels; box, area and centre; motion and its variance; shares of grey levels; samples of the picture
+_Observed = tuple[
+    NDArray[np.int32],
+    tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    tuple[NDArray[np.float64], NDArray[np.float64]],
+    NDArray[np.float64],
+    NDArray[np.float32],
+]
+
+def observe_regions(
+    mask: NDArray[np.bool_],
+    least: int,
+    motion: NDArray[np.float32] | None,
+    image: object,
+    levels: object,
+) -> _Observed: ...
+def ride(
+    pictures: NDArray[np.float32],
+    starts: NDArray[np.float64],
+    sizes: NDArray[np.float64],
+    levels: object,
+    mask: NDArray[np.bool_],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
 def lay_ink(
     picture: NDArray[np.uint8],
     ink: NDArray[np.uint8],

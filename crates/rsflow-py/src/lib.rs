@@ -16,6 +16,7 @@ mod segmenter;
 mod shared;
 mod shift;
 mod states;
+mod things;
 mod tracker;
 mod tracking;
 
@@ -129,6 +130,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<tracker::PyPointTracker>()?;
     plane::register(module)?;
     segmenter::register(module)?;
+    things::register(module)?;
     ink::register(module)?;
     module.add_function(wrap_pyfunction!(shift::estimate_shift, module)?)?;
     module.add_function(wrap_pyfunction!(shift::shift_statuses, module)?)?;

@@ -162,25 +162,30 @@ class ObjectTracker(Shared):
         steps = self._steps(_checks.number_or_none("t_s", t_s, of="seconds", or_nan=True))
         self._carry(camera_motion)
         things = self._things
+        if not len(things) and not mask.any():
+            # Most frames of most cameras: nothing is followed, and nothing begins.
+            self.labels, self.lasting = np.zeros(mask.shape, np.int32), np.zeros(mask.shape, bool)
+            self._frame += 1
+            return ()
         turn = _TURN_PX + _TURN_SHARE * things.size.max(axis=1, initial=0.0)
         turn = turn * np.sqrt(np.clip(things.surprise, _LEAST_SURPRISE, _MOST_SURPRISE))
         before = things.place.copy()
         kalman.predict(things.place, things.velocity, things.variance, steps, turn)
         things.way += things.place - before
-        regions = observe(mask, motion, image, self.min_area)
-        matches = matching.match(things, regions, things.listed, mask.shape)
         levels = None if image is None else picture_motion.smoothed(image)
-        ridden = picture_motion.ride(things, regions, matches.region, levels, steps)
+        regions = observe(mask, motion, image, self.min_area, levels)
+        matches = matching.match(things, regions, things.listed, mask.shape)
+        ridden = picture_motion.ride(things, regions, matches.region, levels, mask, steps)
         seen = measuring.measure(things, regions, matches, motion, mask.shape, ridden)
         measuring.believe(things, seen, before, steps)
         picture_motion.go_along(things, ridden, things.place - before)
         alone = np.flatnonzero(seen.state == SEEN)
-        things.patch[alone] = picture_motion.sampled(regions, matches.region[alone], levels)
+        things.patch[alone] = regions.picture[matches.region[alone]]
         lifecycle.part(things, regions, matches, seen, motion, self._frame)
         measuring.remember(things, seen, mask.shape)
         fused = lifecycle.fuse(things, regions, matches, self._frame)
         go_on(things)
-        lifecycle.begin(things, regions, matches.left, self._frame, steps, levels)
+        lifecycle.begin(things, regions, matches.left, self._frame, steps)
         self._list()
         self._label(mask, regions, matches, seen)
         self._follow_over_ground()

@@ -8,7 +8,6 @@ import numpy as np
 
 from . import sharing
 from .followed import HIDDEN, SEEN, Followed
-from .picture_motion import sampled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,14 +45,7 @@ _APART_SHARE = 0.4
 _LEFT_BEHIND = 0.3
 
 
-def begin(
-    things: Followed,
-    regions: Regions,
-    numbers: list[int],
-    frame: int,
-    steps: float,
-    levels: NDArray[np.float32] | None,
-) -> None:
+def begin(things: Followed, regions: Regions, numbers: list[int], frame: int, steps: float) -> None:
     """Follow regions that belong to nothing."""
     if not numbers:
         return
@@ -80,7 +72,7 @@ def begin(
         box=regions.box[numbers],
         centre=regions.centre[numbers],
         histogram=regions.histogram[numbers],
-        patch=sampled(regions, np.array(numbers, np.intp), levels),
+        patch=regions.picture[numbers],
         surprise=1.0,
         ground=np.nan,
         motion=np.nan,
