@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from . import remote
+from .assignment import Assignment, Failure, Plan, part_name, seed_name
 from .items import BatchItem, BatchStatus
-from .work import Assignment, Failure, Plan, part_name, seed_name
 
 __all__ = ["Course", "Step"]
 
@@ -169,8 +170,14 @@ class Course:
         status = BatchStatus.PARTIAL if parts else BatchStatus.FAILED
         if error.startswith("not begun"):
             status = BatchStatus.CANCELLED
-        if self._spans:
+        if parts:
             error += f"; {parts} of {len(self._spans)} parts are done, the same command with --resume goes on"
-        if died and not remote.is_remote(self.assignment.folder):
-            discard_working(Path(self.assignment.folder))
+        if not remote.is_remote(self.assignment.folder):
+            here = Path(self.assignment.folder)
+            if self._plan.root and not parts:
+                for folder in (Path(self._plan.root), Path(self._plan.root).parent, here):
+                    with contextlib.suppress(OSError):
+                        folder.rmdir()
+            if died:
+                discard_working(here)
         self.item = self.assignment.item(status, error)

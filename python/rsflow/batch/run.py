@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Any
 from .. import _checks
 from ..errors import OptionError
 from . import remote
+from .assignment import NO_SETTINGS, Assignment
 from .course import Course, Step
 from .items import BatchItem, folder_names, given
 from .processors import processors
-from .work import NO_SETTINGS, Assignment, end, one_line
+from .work import end, one_line
 
 if TYPE_CHECKING:
     from ..extraction import ExtractSettings

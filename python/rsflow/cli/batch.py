@@ -116,6 +116,10 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([{**dataclasses.asdict(item), "folder": str(item.folder)} for item in items], indent=2))
     else:
         _table(items)
+    if args.quiet:
+        for item in items:
+            if item.error:
+                print(f"rsflow batch: {item.source}: {item.status}: {item.error}", file=sys.stderr)
     statuses = [item.status for item in items]
     if "cancelled" in statuses or any(item.error.startswith("interrupted") for item in items):
         counts = ", ".join(f"{statuses.count(name)} {name}" for name in dict.fromkeys(statuses))

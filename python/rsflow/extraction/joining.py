@@ -26,6 +26,7 @@ from .columns import OBJECTS
 from .file_names import NAMES
 from .parts import NOTE
 from .same_things import Joint, added, pairs
+from .slides import Slides
 from .tables import CsvTable
 from .workspace import PARKED, parked
 
@@ -92,7 +93,11 @@ def join_parts(
         draft.add("tables", states)
         views = _views(place, saved)
         # The scene of the last part is over the picture that the part began with.
-        views["pictures"] = {**views["pictures"], "first": views["pictures"]["first"] @ np.linalg.pinv(moved)}
+        scene = views["pictures"]["scene"]
+        pictures = {**views["pictures"], "scene": {**scene, "first": scene["first"] @ np.linalg.pinv(moved)}}
+        if not handed:
+            pictures["slides"] = Slides.joined([one.value("views")["pictures"]["slides"] for one in saved])
+        views["pictures"] = pictures
         draft.add("views", views)
         draft.write(place / "checkpoint.npz")
     return rows

@@ -87,7 +87,7 @@ class Pictures:
 
     def learn(self, frame: Frame, seen: MotionSegmentation) -> None:
         """Take a frame of which nothing is drawn."""
-        self._before = frame
+        self._before, self._seen_before = frame, seen
         self._scene.learn(seen, frame.color)
 
     def complete(self) -> list[Drawn]:

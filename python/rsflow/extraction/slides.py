@@ -11,7 +11,7 @@ import numpy as np
 from ..plotting import drawing, labels
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -52,12 +52,19 @@ class Slides:
         number, self._seen = self._seen, self._seen + 1
         return number % self._stride == 0
 
+    @staticmethod
+    def joined(states: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """Give the state of runs that follow each other, as of one: evenly over all, within the budget."""
+        stride = max(state["stride"] for state in states)
+        slides = [slide for state in states for slide in state["slides"][:: stride // state["stride"]]]
+        while len(slides) > 1 and _too_many([len(slide[0]) for slide in slides]):
+            slides, stride = slides[::2], 2 * stride
+        return {"slides": slides, "stride": stride, "seen": sum(state["seen"] for state in states)}
+
     def add(self, arrowed: NDArray[np.uint8], seen: MotionSegmentation, frame: int, t_s: float) -> None:
         """Keep a frame: its picture with arrows, of any size, and what moves in it."""
         self._kept.append(Slide(_jpeg(_outlined(arrowed, seen)), frame, t_s, len(seen.objects)))
-        while len(self._kept) > 1 and (
-            len(self._kept) > MOST or sum(len(slide.jpeg) for slide in self._kept) > BUDGET_BYTES
-        ):
+        while len(self._kept) > 1 and _too_many([len(slide.jpeg) for slide in self._kept]):
             self._kept = self._kept[::2]
             self._stride *= 2
 
@@ -74,6 +81,11 @@ class Slides:
         """Go on as before."""
         self._kept = [Slide(np.asarray(jpeg).tobytes(), *rest) for jpeg, *rest in state["slides"]]
         self._stride, self._seen = state["stride"], state["seen"]
+
+
+def _too_many(sizes: Sequence[int]) -> bool:
+    """Whether pictures of so many bytes are more than the page has room for."""
+    return len(sizes) > MOST or sum(sizes) > BUDGET_BYTES
 
 
 def _outlined(arrowed: NDArray[np.uint8], seen: MotionSegmentation) -> NDArray[np.uint8]:
