@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -101,14 +101,14 @@ def kinds() -> tuple[Kind, ...]:
         "shadow that moves": {"lighting_prev": shadow(0.5), "lighting": shadow(0.5, x=0.62)},
         "dark, a quarter clipped": {"lighting_prev": gain(0.5, -45), "lighting": gain(0.5, -45)},
     }  # fmt: skip
-    contents: dict[str, Callable[[int], dict[str, Any]]] = {
-        "fine texture": lambda seed: {"ground": Texture.make("noise", seed=seed)},
-        "coarse texture": lambda seed: {"ground": Texture.make("smooth", seed=seed)},
-        "weak contrast, 5 levels": lambda seed: {"contrast_levels": 5.0},
-        "discs, as in photographs": lambda seed: {"ground": disc_floor(512, largest=80.0, seed=seed)},
-        "plain areas, half of it": lambda seed: {"ground": patchy_floor(512, seed=seed)},
-        "stripes": lambda seed: {"ground": striped_floor(512, seed=seed)},
-        "tiles of 32 px": lambda seed: {"ground": tiled_floor(32, seed=seed)},
+    contents: dict[str, Callable[[Shape], dict[str, Any]]] = {
+        "fine texture": lambda shape: {"ground": _ground(shape, "noise")},
+        "coarse texture": lambda shape: {"ground": _ground(shape, "smooth")},
+        "weak contrast, 5 levels": lambda shape: {"contrast_levels": 5.0},
+        "discs, as in photographs": lambda shape: {"ground": _floor("discs", shape.seed)},
+        "plain areas, half of it": lambda shape: {"ground": _floor("plain", shape.seed)},
+        "stripes": lambda shape: {"ground": _floor("stripes", shape.seed)},
+        "tiles of 32 px": lambda shape: {"ground": _floor("tiles", shape.seed)},
     }
     return (
         *_motions(),
@@ -191,6 +191,11 @@ def _from_pair(pair: DeformedPair) -> Scene:
     return Scene(pair.prev, pair.next, flow, _stays(flow), truth=pair.truth)
 
 
+def _textured(move: Callable[[F64, F64], tuple[ArrayLike, ArrayLike]], shape: Shape, options: dict[str, Any]) -> Scene:
+    ground = options.get("ground") or _ground(shape)
+    return _from_pair(textured_pair(move, size=shape.size, seed=shape.seed, **{**options, "ground": ground}))
+
+
 def _stays(flow: F64) -> Mask:
     height, width = flow.shape[:2]
     y, x = np.mgrid[0:height, 0:width]
@@ -200,24 +205,42 @@ def _stays(flow: F64) -> Mask:
 
 def _shifted(shape: Shape, *, length: float) -> Scene:
     dx, dy = _way(length, shape.seed)
-    return _from_pair(textured_pair(lambda x, y: (dx, dy), size=shape.size, seed=shape.seed))
+    return _textured(lambda x, y: (dx, dy), shape, {})
 
 
 def _warped(shape: Shape, *, matrix: F64) -> Scene:
     move = homography_motion(_about_centre(matrix, shape.size))
-    return _from_pair(textured_pair(move, size=shape.size, seed=shape.seed))
+    return _textured(move, shape, {})
 
 
 def _gentle(shape: Shape, *, options: dict[str, Any]) -> Scene:
     """Give a shift, with a turn if there may be one, under what the options say."""
     turn = np.array(_similar(TURN_DEG if shape.turned else 0.0, 1.0))
     move = homography_motion(_about_centre(turn, shape.size, _way(SHIFT_PX, shape.seed)))
-    return _from_pair(textured_pair(move, size=shape.size, seed=shape.seed, **options))
+    return _textured(move, shape, options)
 
 
-def _of(shape: Shape, *, options: Callable[[int], dict[str, Any]]) -> Scene:
-    # Pictures of a run share a ground: to make one takes longer than to look at it.
-    return _gentle(shape, options=options(shape.seed % 2))
+def _of(shape: Shape, *, options: Callable[[Shape], dict[str, Any]]) -> Scene:
+    return _gentle(shape, options=options(shape))
+
+
+def _ground(shape: Shape, kind: str = "ground") -> Texture:
+    """Give a ground that repeats only after the picture and what comes into it."""
+    return Texture.make(kind, seed=shape.seed, period=2 ** math.ceil(math.log2(max(shape.size) + 45)))
+
+
+def _floor(name: str, seed: int) -> Texture:
+    # To make one takes longer than to look at it: the scenes of a kind share four.
+    return _made(name, seed % 4)
+
+
+@lru_cache(maxsize=8)
+def _made(name: str, seed: int) -> Texture:
+    made: dict[str, Callable[..., Texture]] = {
+        "discs": partial(disc_floor, 512, largest=80.0), "plain": partial(patchy_floor, 512),
+        "stripes": partial(striped_floor, 512), "tiles": partial(tiled_floor, 32),
+    }  # fmt: skip
+    return made[name](seed=seed)
 
 
 def _packed(shape: Shape) -> Scene:
