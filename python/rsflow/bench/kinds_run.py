@@ -32,7 +32,9 @@ PATIENCE = 20.0
 # Scenes of a kind on which times are taken.
 TIMED = 3
 # A size is left out where a call would take longer than this, by the one before it.
-LONGEST_S = 2.0
+LONGEST_S = 1.0
+# What windows of 64 pixels need.
+GRID_ROWS = 200
 SIZES = ((64, 48), (160, 120), (320, 240), (640, 480), (1280, 720), (1920, 1080))
 
 
@@ -282,7 +284,11 @@ def _by_size(
         scene = steady.make(Shape(size, 1, turned=subject != "displacement"))
         points = _points(scene)
         grown = size[0] * size[1] / pixels
-        able = [m for m in methods if expected[m.name] * grown < LONGEST_S and not (subject == "grid" and size[1] < 96)]
+        able = [
+            m
+            for m in methods
+            if expected[m.name] * grown < LONGEST_S and not (subject == "grid" and size[1] < GRID_ROWS)
+        ]
         times: dict[str, list[float]] = {method.name: [] for method in able}
         _turns(able, scene, points, 1 + rounds, times, clock)
         # The first call is a warm-up.
