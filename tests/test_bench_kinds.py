@@ -153,12 +153,12 @@ def test_words_follow_from_the_figures() -> None:
     assert quiet == "No rival is ahead in any row.\n\nSure and wrong in no row.\n\nToo sure in no row."
     assert "rival" not in in_words(rows[:1])
     lines = errors(rows).splitlines()
-    assert [cell.strip() for cell in lines[3].split("|")[2:5]] == ["gain", "0.050 (0.20)", "**0.030 (0.30)**"]
+    assert [cell.strip() for cell in lines[4].split("|")[1:4]] == ["gain", "0.050 (0.20)", "**0.030 (0.30)**"]
     # Who answers too little is not the best; what nobody answers has none.
-    assert "**0.050 (0.20)**" in lines[4]
-    assert "**2.0 (9.0)**" in lines[5]
-    assert [cell.strip() for cell in lines[-1].split("|")[1:5]] == ["time", "of rsflow track_points", "1.0", "1.0"]
-    assert [cell.strip() for cell in trust(rows).splitlines()[-1].split("|")[3:5]] == ["100; 3.4; 90", "100; 0"]
+    assert "**0.050 (0.20)**" in lines[5]
+    assert "**2.0 (9.0)**" in lines[6]
+    assert [cell.strip() for cell in lines[-1].split("|")[1:4]] == ["*time, rsflow track_points = 1*", "1.0", "1.0"]
+    assert [cell.strip() for cell in trust(rows).splitlines()[-1].split("|")[2:4]] == ["100; 3.4; 90", "100; 0"]
 
 
 def test_tables_say_what_ran_and_what_is_missing() -> None:

@@ -119,8 +119,8 @@ class KindsBench:
     >>> ours = KindRow("points", "light", "steady", "rsflow track_points", 0.006, 0.013, 0.96, 0.0, 0.95, 2.6, 1.0)
     >>> theirs = KindRow("points", "light", "steady", "OpenCV PyrLK", 0.02, 0.05, 1.0, 0.02, float("nan"), 1.3, 0.5)
     >>> bench = KindsBench((ours, theirs), (), "a CPU", "avx2", 1, 3, {"rsflow": "0.1.0"})
-    >>> print(bench.tables().splitlines()[8])
-    | light | steady                 | **0.0060 (0.013)** | 0.020 (0.050) |
+    >>> print(bench.tables().splitlines()[9])
+    | steady                          | **0.0060 (0.013)** | 0.020 (0.050) |
     """
 
     rows: tuple[KindRow, ...]
@@ -141,9 +141,9 @@ class KindsBench:
             f"{n} {what}{'' if n == 1 else 's'}" for n, what in ((self.threads, "thread"), (self.rounds, "round"))
         ]
         left = f" Not installed, and left out: {', '.join(self.missing)}." if self.missing else ""
-        return (
-            f"{self.cpu}, CPU level {self.cpu_level}, {counts[0]}, times are medians of {counts[1]}; {versions}.{left}"
-        )
+        clock = "processor's times" if self.threads == 1 else "times"
+        ran = f"{counts[0]}, {clock} are medians of {counts[1]}"
+        return f"{self.cpu}, CPU level {self.cpu_level}, {ran}; {versions}.{left}"
 
     def tables(self) -> str:
         """Write the tables of each subject, what they say in words, and the line of `conditions`."""
@@ -189,7 +189,7 @@ def _length(value: float) -> str:
 def errors(rows: Sequence[KindRow]) -> str:
     """Write median and 95 % of the errors, a line a kind and a column a method, the best in bold; times below."""
     methods = _methods(rows)
-    cells: list[tuple[str, ...]] = [("", "kind", *methods)]
+    cells: list[tuple[str, ...]] = [("kind", *methods)]
     last = ""
     for (group, kind), each in _by_kind(rows).items():
         most = max(row.answered for row in each.values())
@@ -201,13 +201,14 @@ def errors(rows: Sequence[KindRow]) -> str:
             text = f"{_length(row.median_px)} ({_length(row.p95_px)})" if np.isfinite(row.median_px) else "-"
             bold = bool(able) and _length(row.median_px) == best and _enough(row, most)
             texts.append(f"**{text}**" if bold else text)
-        cells.append(("" if group == last else group, kind, *texts))
+        if group != last:
+            cells.append((f"*{group}*", *("" for _ in methods)))
+        cells.append((kind, *texts))
         last = group
     ratios = [[row.times for row in rows if row.method == method and np.isfinite(row.times)] for method in methods]
-    cells.append(
-        ("time", f"of {methods[_first(methods)]}", *(_length(float(np.median(r))) if r else "-" for r in ratios))
-    )
-    return markdown(cells)
+    medians = (_length(float(np.median(each))) if each else "-" for each in ratios)
+    cells.append((f"*time, {methods[_first(methods)]} = 1*", *medians))
+    return markdown(cells, words=1)
 
 
 def _first(methods: Sequence[str]) -> int:
@@ -222,7 +223,7 @@ def _enough(row: KindRow, most: float) -> bool:
 def trust(rows: Sequence[KindRow]) -> str:
     """Write what was answered, what was wrong though sure, and how well the deviations hold, in percent."""
     methods = _methods(rows)
-    cells: list[tuple[str, ...]] = [("", "kind", *methods)]
+    cells: list[tuple[str, ...]] = [("kind", *methods)]
     last = ""
     for (group, kind), each in _by_kind(rows).items():
         texts = []
@@ -230,9 +231,11 @@ def trust(rows: Sequence[KindRow]) -> str:
             row = each[method]
             within = f"; {100 * row.within_2:.0f}" if np.isfinite(row.within_2) else ""
             texts.append(f"{100 * row.answered:.0f}; {_percent(row.wrong)}{within}")
-        cells.append(("" if group == last else group, kind, *texts))
+        if group != last:
+            cells.append((f"*{group}*", *("" for _ in methods)))
+        cells.append((kind, *texts))
         last = group
-    return markdown(cells)
+    return markdown(cells, words=1)
 
 
 def _percent(share: float) -> str:
