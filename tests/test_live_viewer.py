@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -264,6 +265,55 @@ def test_a_port_that_is_taken_and_no_screen_are_said_before_anything_is_written(
     with pytest.raises(rsflow.OptionError, match=r"without a screen, expected one: serve it .*--serve.*--record"):
         live.watch(flight, view=True, out=tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("code", "note"), [(0, "the viewer was closed; the run goes on"), (1, "exit code 1: try --serve")]
+)
+def test_a_window_is_a_process_that_may_be_closed(flight, monkeypatch, code, note):
+    """No window is opened here: the process in its place connects to the server, and ends."""
+    started, real = [], outputs.subprocess.Popen
+
+    def popen(command, **options):
+        started.append(command)
+        port = re.search(r":(\d+)/proxy", command[3])[1]
+        ends = f"import socket, sys\nsocket.create_connection(('127.0.0.1', {port}), 5).close()\nsys.exit({code})"
+        process = real([sys.executable, "-c", ends], **options)
+        process.wait()
+        return process
+
+    monkeypatch.setattr(outputs, "has_screen", lambda: True)
+    monkeypatch.setattr(outputs.subprocess, "Popen", popen)
+    done = live.watch(flight, view=True, frames=3, **SETTLED)
+    ((python, *command),) = started
+    assert python == sys.executable
+    assert command[:2] == ["-m", "rerun"]
+    assert command[-5:-2] == ["auto", "--bind", "127.0.0.1"]
+    assert done.frames == 4
+    assert any(note in told for told in done.notes)
+
+
+def test_a_file_is_shown_until_somebody_ends_it(flight, tmp_path):
+    """Who comes late finds it: the port is open until Ctrl-C, and what is written is whole before that."""
+    port, notes, showing = free_ports(), [], []
+
+    def on_wait(_waited_s):
+        if showing[0].notes and not notes:
+            notes.extend(showing[0].notes)
+            assert (tmp_path / "motion.csv").exists()
+            assert (tmp_path / "run.rrd").exists()
+            socket.create_connection(("127.0.0.1", port + 1), 5).close()
+            signal.raise_signal(signal.SIGINT)
+
+    done = live.watch(
+        flight, serve=f"127.0.0.1:{port}", record=tmp_path / "run.rrd", out=tmp_path, linger=True,
+        on_open=showing.append, on_wait=on_wait, **SETTLED,
+    )  # fmt: skip
+    assert (done.ended, done.frames) == ("end", 24)
+    assert set(done.files) == {"motion", "objects", "velocity", "recording"}
+    assert notes == ["all is measured; it is shown until Ctrl-C"]
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", port + 1), 1)
 
 
 SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--use-gl=angle", "--ignore-gpu-blocklist")

@@ -245,9 +245,22 @@ def _watch(args: argparse.Namespace) -> int:
         if frame.reading is not None:
             _send(sent, frame.reading)
 
+    seen_by: list[Any] = []
+    noted: list[str] = []
+
     def on_open(showing: Any) -> None:
+        seen_by.append(showing)
         if showing.pages:
             print(f"look at {' or '.join(showing.pages)}", file=sys.stderr, flush=True)
+
+    def on_wait(waited_s: float) -> None:
+        for note in seen_by[0].notes[len(noted) :]:
+            if status is not None:
+                status.end()
+            print(f"note: {note}", file=sys.stderr, flush=True)
+            noted.append(note)
+        if status is not None:
+            status.show(waited_s, source)
 
     with exports(args, overwrite=args.overwrite) as sent:
         try:
@@ -265,8 +278,9 @@ def _watch(args: argparse.Namespace) -> int:
                 view_rate_hz=args.view_rate,
                 frames=args.frames,
                 seconds=args.seconds,
+                linger=True,
                 on_frame=on_frame,
-                on_wait=None if status is None else lambda waited_s: status.show(waited_s, source),
+                on_wait=on_wait,
                 on_open=on_open,
             )
         except BrokenPipeError:
@@ -279,16 +293,18 @@ def _watch(args: argparse.Namespace) -> int:
         finally:
             if status is not None:
                 status.end()
-    _tell(summary)
+    _tell(summary, noted)
     if summary.ended == "interrupted":
         raise KeyboardInterrupt("ended by Ctrl-C")
     return 0
 
 
-def _tell(summary: LiveSummary) -> None:
-    """Say on standard error what the run comes to."""
+def _tell(summary: LiveSummary, noted: list[str]) -> None:
+    """Say on standard error what the run comes to, without the notes that were told already."""
     print(summary.text(), file=sys.stderr)
     for note in summary.notes:
+        if note in noted:
+            continue
         print(f"note: {note}", file=sys.stderr)
     if summary.files:
         print(f"see {', '.join(str(path) for path in summary.files.values())}", file=sys.stderr)

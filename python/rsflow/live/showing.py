@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import time
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -24,8 +26,8 @@ __all__ = ["Showing"]
 # Of the page for browsers, as the viewer's own; its data has the next one.
 DEFAULT_PORT = 9090
 _EVERYWHERE = "0.0.0.0"
-# How long what waits may take to be shown when the run ends.
-_LAST_PICTURE_S = 5.0
+# How long what waits may take to be shown when the run ends, and how often a window is looked after.
+_LAST_PICTURE_S, _LOOK_S = 5.0, 0.1
 
 
 class Showing:
@@ -56,6 +58,7 @@ class Showing:
         self._viewer: Viewer | None = None
         self._shown_notes: set[str] = set()
         self._failures: list[str] = []
+        self._drained = False
 
     @classmethod
     def asked(cls, *, view: Any, serve: Any, record: Any, rate_hz: Any) -> Self:
@@ -125,16 +128,38 @@ class Showing:
         """What happened to it, one sentence each."""
         return (*(() if self._viewer is None else self._viewer.notes), *self._failures)
 
+    def linger(self, goes_on: Callable[[], bool]) -> None:
+        """Stay open for who comes late, until the window is closed or `goes_on` says no."""
+        if self._server is None or self._viewer is None:
+            return
+        self._drain()
+        self._failures.append("all is measured; it is shown until Ctrl-C" + (" or the window's end" * self._view))
+        window = self._server.process
+        while goes_on() and (window is None or window.poll() is None):
+            time.sleep(_LOOK_S)
+
+    def _drain(self) -> None:
+        """Show what waits, once."""
+        if self._viewer is None or self._drained:
+            return
+        self._drained = True
+        if not self._viewer.close(_LAST_PICTURE_S):
+            self._failures.append("the viewer did not take the last pictures")
+        if self._viewer.failure is not None:
+            self._failures.append(f"the showing ended early: {self._viewer.failure}")
+
     def close(self, *, keep: bool = True) -> dict[str, Path]:
         """Show what waits and close all of it; give what was written."""
-        if self._viewer is not None:
-            if not self._viewer.close(_LAST_PICTURE_S):
-                self._failures.append("the viewer did not take the last pictures")
-            if self._viewer.failure is not None:
-                self._failures.append(f"the showing ended early: {self._viewer.failure}")
+        self._drain()
+        files = self.close_recording(keep=keep)
         if self._server is not None:
             self._server.close()
             self._server = None
+        return files
+
+    def close_recording(self, *, keep: bool) -> dict[str, Path]:
+        """Show what waits and name the recording; give it."""
+        self._drain()
         files = {}
         if self._file is not None:
             if keep:

@@ -68,6 +68,7 @@ def watch(
     seconds: float | None = None,
     timeout_s: float = 5.0,
     reconnect_s: float | None = 60.0,
+    linger: bool = False,
     on_frame: Callable[[LiveFrame], Any] | None = None,
     on_wait: Callable[[float], Any] | None = None,
     on_open: Callable[[Showing], Any] | None = None,
@@ -111,6 +112,8 @@ def watch(
     timeout_s, reconnect_s : float
         How long to wait for a camera's first frame, and for one that went away (opened again meanwhile), before
         `CaptureError`. After a gap nothing is compared with what was before it.
+    linger : bool
+        Where it is shown and the source is a file: stay open after its end, until the window is closed, or Ctrl-C.
     on_frame : callable, optional
         Called with each `LiveFrame`, in order, from another thread.
     on_wait : callable, optional
@@ -160,7 +163,7 @@ def watch(
     settings.validate()
     frames = _checks.integer_or_none("frames", frames, least=1)
     seconds = _checks.number_or_none("seconds", seconds, above=0, of="seconds")
-    overwrite = _checks.flag("overwrite", overwrite)
+    overwrite, linger = _checks.flag("overwrite", overwrite), _checks.flag("linger", linger)
     for name, function in (("on_frame", on_frame), ("on_wait", on_wait), ("on_open", on_open)):
         if function is not None:
             _checks.function(name, function, 1)
@@ -182,7 +185,7 @@ def watch(
         if on_open is not None:
             on_open(showing)
         run = _Run(stream, pipeline, tables, showing, on_frame, frames)
-        return run.until(stop, seconds, on_wait)
+        return run.until(stop, seconds, on_wait, linger=linger)
 
 
 class _Run:
@@ -220,7 +223,9 @@ class _Run:
             return False
         return True
 
-    def until(self, stop: StopRequest, seconds: float | None, on_wait: Callable[[float], Any] | None) -> LiveSummary:
+    def until(
+        self, stop: StopRequest, seconds: float | None, on_wait: Callable[[float], Any] | None, *, linger: bool
+    ) -> LiveSummary:
         """Run until something ends it, and close everything."""
         begin_s = time.monotonic()
         stages = self._stages
@@ -240,9 +245,16 @@ class _Run:
         failure = stages.failure
         if failure is None and not ended:
             failure = RsflowError("the frame at hand takes too long: it is left")
-        return self._closed(failure)
 
-    def _closed(self, failure: BaseException | None) -> LiveSummary:
+        def goes_on() -> bool:
+            if on_wait is not None:
+                on_wait(0.0)
+            return not stop.requested
+
+        shown_on = linger and failure is None and self._ended == "end" and not self._stream.live
+        return self._closed(failure, goes_on if shown_on else None)
+
+    def _closed(self, failure: BaseException | None, goes_on: Callable[[], bool] | None) -> LiveSummary:
         """Name the files; raise what ended the run early after that."""
         stages = self._stages
         files: dict[str, Path] = {}
@@ -252,7 +264,10 @@ class _Run:
                 files |= self._tables.keep(complete=failure is None or gone)
             except OSError as error:
                 failure = failure or error
-        files |= self._showing.close(keep=stages.frames > 0)
+        files |= self._showing.close_recording(keep=stages.frames > 0)
+        if goes_on is not None:
+            self._showing.linger(goes_on)
+        self._showing.close()
         if failure is None and not stages.frames and self._ended == "end":
             failure = too_few(self._stream, stages.frames)
         if failure is not None:

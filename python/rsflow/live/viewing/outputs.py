@@ -139,7 +139,9 @@ class ServerOutput:
                 "view: got True without a screen, expected one: serve it to a browser of another machine (--serve), or "
                 "record it (--record FILE.rrd) and open that elsewhere"
             )
-        command = [sys.executable, "-m", "rerun", self.uri, "--port", "auto", "--memory-limit", "25%"]
+        # What it listens to by itself is nobody's concern elsewhere.
+        alone = ["--port", "auto", "--bind", "127.0.0.1"]
+        command = [sys.executable, "-m", "rerun", self.uri, *alone, "--memory-limit", "25%"]
         self.process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             start_new_session=True,
