@@ -21,9 +21,9 @@ from .. import flow as _flow
 from .. import shift as _shift
 from ..camera.model import Camera
 from ..capture.stream import Frames
-from ..extraction import job as _job
 from ..extraction import outputs as _outputs
 from ..extraction import rows as _rows
+from ..extraction import run as _run
 from ..extraction import views as _views
 from ..extraction.trajectory import Trajectory
 from ..segmentation.segmenter import MotionSegmenter
@@ -54,7 +54,7 @@ def parts() -> dict[str, tuple[Any, str]]:
         "tables": (_outputs.Outputs, "add"),
         "pictures drawn": (_views.Views, "_take"),
         "videos encoded": (sinks.AvSink if sinks.av_encoder("h264") else sinks.Cv2Sink, "write"),
-        "report": (_job, "close"),
+        "report": (_run, "close"),
     }
 
 
