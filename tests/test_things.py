@@ -16,6 +16,7 @@ from rsflow.extraction.series import Series
 from rsflow.extraction.summary import camera_figures, key_figures
 from rsflow.extraction.thing_scale import scales
 from rsflow.extraction.things import heading, lasting, thing_figures, thing_text, value_text
+from rsflow.plotting.drawing import distinct_color
 
 MOTION = (
     "frame", "t_s", "dt_s", "dx_px", "dy_px", "dx_std_px", "dy_std_px", "flow_median_px", "flow_median_x_px",
@@ -165,3 +166,17 @@ def test_the_scale_of_a_place_is_the_height_over_the_focal_length_in_the_middle_
     assert 1.02 < corner / middle < 1.2
     assert np.isnan(scales(camera, 2.0, 0.9, places)).all()
     assert np.isnan(scales(camera, np.nan, 1.0, places)).all()
+
+
+def test_paths_go_from_a_ring_to_a_number() -> None:
+    statistics = rsflow.objects.ObjectStatistics()
+    for frame in range(20):
+        box = (40 + 5 * frame, 50, 10, 10)
+        thing = rsflow.objects.TrackedObject(7, 45.0 + 5 * frame, 55.0, box, 100, 5.0, 0.0, frame + 1)
+        statistics.update(frame, [thing], [], size=(200, 100))
+    drawn = statistics.picture(np.full((100, 200, 3), 90, np.uint8))
+    assert drawn[55, 45].tolist() == [255, 255, 255]
+    assert drawn[55, 140].tolist() == list(distinct_color(7))
+    # Its number stands above the end.
+    assert (drawn[30:50, 130:160] != 90).any()
+    assert (drawn[:30] == 90).all()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ... import _checks, _display
-from ...plotting import drawing
+from ...plotting import drawing, labels
 from ..object_table import TrackedObject
 from .lines import CountingLine, place
 
@@ -258,6 +258,8 @@ class ObjectStatistics:
     def picture(self, background: NDArray[Any] | None = None) -> NDArray[np.uint8]:
         """Draw the paths and the lines with their counts over where things have been.
 
+        A path goes from a ring to a disc, with the thing's number where there is room for it.
+
         Parameters
         ----------
         background : ndarray, optional
@@ -282,11 +284,19 @@ class ObjectStatistics:
             large = np.repeat(np.repeat(grey.astype(np.uint8), _CELL, axis=0), _CELL, axis=1)[:height, :width]
             out = np.repeat(large[..., None], 3, axis=2)
         out = np.ascontiguousarray(out)
+        ends, names, colors = [], [], []
         for number, path in self.paths.items():
             if len(path) > 1:
                 color = drawing.distinct_color(number)
-                drawing.polylines(out, [path[:, 1:]], color, 1)
+                drawing.rimmed(out, drawing.Strokes([path[:, 1:]], color))
+                drawing.disc(out, path[0, 1:], 3, color)
+                drawing.disc(out, path[0, 1:], 2, (255, 255, 255))
                 drawing.disc(out, path[-1, 1:], 3, color)
+                x, y = (round(float(place)) for place in path[-1, 1:])
+                ends.append((x - 4, y - 4, x + 4, y + 4))
+                names.append(str(number))
+                colors.append(color)
+        labels.draw_labels(out, ends, names, colors)
         for line in self.lines:
             x0, y0, x1, y1 = line.ends
             drawing.polylines(out, [np.array([[x0, y0], [x1, y1]])], (255, 255, 255), 2)
