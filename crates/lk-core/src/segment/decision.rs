@@ -11,6 +11,7 @@ use super::flutter::Going;
 use super::judge::{Asked, MEMORY};
 use super::masks::{confirm, hide, join, keep_away, learned, without};
 use super::morphology::{Element, Size, dilate, erode};
+use super::outline::Outline;
 use super::placed::covered;
 use super::runs::next;
 use super::segmenter::{GAP, Segmenter, State, Work};
@@ -81,6 +82,7 @@ impl Segmenter {
             mask: &self.work.mask,
             changed: &self.work.changed,
             known: &self.state.background.known,
+            age: &self.state.background.age,
             background: &self.state.background.median,
             picture: &self.work.raw,
             noise: self.state.noise,
@@ -101,6 +103,12 @@ impl Segmenter {
     fn find_flutter(&mut self, size: Size, execution: &Execution) -> Result<()> {
         let (state, work) = (&mut self.state, &mut self.work);
         resize("masks", &mut work.begins, size.0 * size.1, 0)?;
+        // What moves changes the picture.
+        work.runs.label(&work.by_flow, size)?;
+        work.runs.sum_bytes(&work.changed, &mut work.sums)?;
+        let (regions, sums) = (work.runs.regions(), &work.sums);
+        let unmoved = |label: usize| sums[label] as f64 <= STOPPED * f64::from(regions[label].area);
+        work.runs.paint(unmoved, 0, &mut work.by_flow);
         let masks = [&mut work.begins, &mut work.spare];
         if state.flutter.update(&work.going, size, masks, execution)? {
             let places = state.background.age.iter_mut().zip(&mut work.by_flow);
@@ -127,9 +135,11 @@ impl Segmenter {
             noise: self.state.noise,
             moves: self.options.camera_moves,
         };
-        self.work
-            .difference
-            .update(&self.state.background, &of, execution)?;
+        let difference = &mut self.work.difference;
+        std::mem::swap(&mut difference.shadows, &mut self.state.shadows);
+        let compared = difference.update(&self.state.background, &of, execution);
+        std::mem::swap(&mut difference.shadows, &mut self.state.shadows);
+        compared?;
         // A thing that stopped before anything was seen behind it stays one.
         self.work.runs.label(&self.state.foreground, size)?;
         self.work
@@ -171,14 +181,15 @@ impl Segmenter {
             spare,
             raw,
             away,
+            like,
             ..
         } = &mut self.work;
         // The flow alone leaves larger gaps.
         morphology.close(mask, size, Element::Disc(gap), execution)?;
         regions.fill_holes(mask, size, u32::MAX)?;
         regions.remove_small(mask, size, self.options.min_area as u32)?;
-        erode(mask, size, Element::Square(3), spare, execution)?;
         let (width, height) = size;
+        erode(mask, size, Element::Square(3), spare, execution)?;
         let median = &self.state.background.median;
         let known = &self.state.background.known;
         // The whole mask as it was: what is trimmed must not change its neighbours.
@@ -221,7 +232,17 @@ impl Segmenter {
                 mask[at] = u8::from(apart(at) >= COVERED * most);
             }
         }
-        Ok(())
+        if depth {
+            return Ok(());
+        }
+        let outline = Outline {
+            size,
+            known,
+            seen: &self.state.seen,
+            picture: raw,
+            noise: self.state.noise,
+        };
+        outline.trim(mask, like)
     }
 
     pub(super) fn learn(&mut self, size: Size, execution: &Execution) -> Result<()> {

@@ -17,6 +17,7 @@ use super::local_correlation::{centre, explained_by_light};
 use super::morphology::{Morphology, Size};
 use super::regions::RegionWork;
 use super::runs::next;
+use super::shadows::Shadows;
 use super::slopes::rows_around;
 use super::vote::majority;
 
@@ -58,6 +59,8 @@ pub(crate) struct Difference {
     pub(super) ratio: Vec<f32>,
     pub(super) shade: Vec<u8>,
     pub(super) lit: Vec<u8>,
+    /// What the scene's shadows are like, while it is compared.
+    pub(super) shadows: Shadows,
     pub(super) morphology: Morphology,
     regions: RegionWork,
     runs: Runs,
@@ -210,6 +213,7 @@ impl Difference {
         let pictures = [&with.median[..], of.picture];
         let centres = pictures.map(centre);
         let mut rows = 0..0;
+        self.shadows.next();
         while let Some(next) = rows_with(&self.differs, size, rows.end) {
             rows = next;
             self.shades(with, of, rows.clone(), execution)?;

@@ -6,6 +6,7 @@ use crate::execution::Execution;
 use crate::memory::resize;
 
 use super::components::{Region, Runs};
+use super::flow_evidence::quantile;
 use super::morphology::{Element, Size, dilate, erode};
 use super::runs::next;
 
@@ -15,6 +16,9 @@ pub(crate) const MEMORY: u8 = 100;
 const UNTOLD: u8 = 20;
 /// Where nothing is known behind it, what was seen to move is not taken for the background within so many frames.
 const GRACE: u8 = 2;
+/// What did not change for this many frames, and so many times as long as the background was seen there, is the background.
+const QUIET: f64 = 2.0;
+const LONGER: f64 = 2.0;
 /// A region lives where this share of it changes, and at least so many pixels.
 const LIVE: f64 = 0.06;
 const LEAST: f64 = 3.0;
@@ -44,6 +48,8 @@ pub(crate) struct Asked<'a> {
     pub(crate) changed: &'a [u8],
     /// 1 where the background is known.
     pub(crate) known: &'a [u8],
+    /// Frames in which it was seen.
+    pub(crate) age: &'a [u8],
     pub(crate) background: &'a [f32],
     pub(crate) picture: &'a [f32],
     pub(crate) noise: f32,
@@ -64,7 +70,9 @@ pub(crate) struct Judge {
     of_part: Vec<u32>,
     changes: Vec<u64>,
     known: Vec<u64>,
+    ages: Vec<u64>,
     rims: Vec<Rim>,
+    steps: Vec<f32>,
 }
 
 /// What is known of a quiet part.
@@ -137,6 +145,7 @@ impl Judge {
         self.parts.label(&self.quiet, size)?;
         self.parts.paint_labels(&mut self.of_part);
         self.parts.sum_bytes(of.known, &mut self.known)?;
+        self.parts.sum_bytes(of.age, &mut self.ages)?;
         self.find_rims(of, heat, execution)?;
         self.decide(of, heat);
         Ok(())
@@ -231,7 +240,9 @@ impl Judge {
                 && rim.before > ABOVE_NOISE * made
                 && rim.count > 3.0
                 && rim.before
-                    > CONTOUR * rim.count * around(of.background, size, &self.rim, region);
+                    > CONTOUR
+                        * rim.count
+                        * around(of.background, size, &self.rim, region, &mut self.steps);
             let stands = here > RIM * before && rim.here > ABOVE_NOISE * made;
             let alone = !rim.beside_live;
             let rimless = unknown
@@ -239,9 +250,15 @@ impl Judge {
                 && rim.heat < MEMORY - GRACE
                 && (rim.here < UNKNOWN_RIM * made
                     || rim.here
-                        < ABOVE_AROUND * rim.count * around(of.picture, size, &self.rim, region));
+                        < ABOVE_AROUND
+                            * rim.count
+                            * mostly(of.picture, size, &self.rim, region, &mut self.steps));
             let untold = alone && !unknown && !stands && rim.heat < MEMORY - UNTOLD;
-            let gone = left || rimless || untold || (alone && rim.heat == 0);
+            // What is seen for longer than the background was is that.
+            let quiet = f64::from(MEMORY.saturating_sub(rim.heat));
+            let age = self.ages[label] as f64 / area;
+            let longer = alone && !unknown && quiet > QUIET + LONGER * age;
+            let gone = left || rimless || untold || longer || (alone && rim.heat == 0);
             rim.gone = gone;
         }
         for run in self.parts.runs() {
@@ -261,7 +278,28 @@ impl Judge {
 }
 
 /// The mean step of a picture in and around a region, without the rims.
-fn around(plane: &[f32], (width, height): Size, rims: &[u8], region: &Region) -> f64 {
+fn around(plane: &[f32], size: Size, rims: &[u8], region: &Region, steps: &mut Vec<f32>) -> f64 {
+    steps_around(plane, size, rims, region, steps);
+    let sum: f64 = steps.iter().map(|step| f64::from(*step)).sum();
+    sum / f64::max(steps.len() as f64, 1.0)
+}
+
+/// The same, or the median step where that is less: strong edges of others in a part of it count for nothing.
+fn mostly(plane: &[f32], size: Size, rims: &[u8], region: &Region, steps: &mut Vec<f32>) -> f64 {
+    let mean = around(plane, size, rims, region, steps);
+    if steps.is_empty() {
+        return mean;
+    }
+    mean.min(f64::from(quantile(steps, 0.5)))
+}
+
+fn steps_around(
+    plane: &[f32],
+    (width, height): Size,
+    rims: &[u8],
+    region: &Region,
+    steps: &mut Vec<f32>,
+) {
     let (left, top) = (
         region.left.saturating_sub(AROUND) as usize,
         region.top.saturating_sub(AROUND) as usize,
@@ -270,16 +308,14 @@ fn around(plane: &[f32], (width, height): Size, rims: &[u8], region: &Region) ->
         (region.right + AROUND) as usize,
         (region.bottom + AROUND) as usize,
     );
-    let (mut sum, mut count) = (0.0, 0.0);
+    steps.clear();
     for y in (top..bottom.min(height)).step_by(AROUND_STEP) {
         for x in (left..right.min(width)).step_by(AROUND_STEP) {
             if rims[y * width + x] == 0 {
-                sum += step(plane, (width, height), x, y);
-                count += 1.0;
+                steps.push(step(plane, (width, height), x, y) as f32);
             }
         }
     }
-    sum / f64::max(count, 1.0)
 }
 
 /// Squared step across a place: between the means of windows on its left and right, above and below.
@@ -298,4 +334,44 @@ fn step(plane: &[f32], (width, height): Size, x: usize, y: usize) -> f64 {
     let across = mean(x + 2, y) - mean(x - 2, y);
     let down = mean(x, y + 2) - mean(x, y - 2);
     across * across + down * down
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::made::greys;
+
+    #[test]
+    fn what_is_seen_for_longer_than_the_background_was_is_that() {
+        let (size, pixels) = ((40, 40), 1600);
+        let mut mask = vec![0; pixels];
+        for y in 12..28 {
+            mask[y * 40 + 12..y * 40 + 28].fill(1);
+        }
+        let picture = greys(size, 3);
+        let gone = |age: u8, quiet: u8| {
+            let asked = Asked {
+                size,
+                mask: &mask,
+                changed: &vec![0; pixels],
+                known: &vec![1; pixels],
+                age: &vec![age; pixels],
+                background: &vec![100.0; pixels],
+                picture: &picture,
+                noise: 1.0,
+            };
+            let mut judge = Judge::default();
+            let mut heat = vec![MEMORY - quiet; pixels];
+            judge
+                .update(&asked, &mut heat, &Execution::default())
+                .unwrap();
+            judge.gone.contains(&1)
+        };
+        // A thing that was there from the first frame on and left; one that came and stands.
+        assert!(gone(2, 10));
+        assert!(!gone(2, 1));
+        assert!(!gone(20, 10));
+        assert!(gone(20, 50));
+        assert!(!gone(200, 90));
+    }
 }

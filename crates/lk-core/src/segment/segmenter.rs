@@ -21,6 +21,7 @@ use super::morphology::{Morphology, Size};
 use super::parallax::Parallax;
 use super::reduction::Reduction;
 use super::regions::RegionWork;
+use super::shadows::Shadows;
 use super::transform::{IDENTITY, Map};
 
 /// Gaps up to about this many pixels are closed.
@@ -100,6 +101,7 @@ pub(crate) struct State {
     pub(crate) flutter: Flutter,
     /// What differs from the background and is explained by the shade of something.
     pub(crate) shaded: Vec<u8>,
+    pub(crate) shadows: Shadows,
     /// What moved on the canvas, and the picture of it in the background's light, where it was seen.
     pub(crate) foreground: Vec<u8>,
     pub(crate) picture: Vec<f32>,
@@ -137,6 +139,8 @@ pub(super) struct Work {
     /// What begins to go to and fro.
     pub(super) begins: Vec<u8>,
     pub(super) away: Vec<u8>,
+    /// Pixels of an outline that look like what is outside.
+    pub(super) like: Vec<usize>,
     pub(super) still: Vec<u8>,
     pub(super) both: Vec<u8>,
     pub(super) changed: Vec<u8>,
@@ -189,6 +193,7 @@ impl Segmenter {
                 heat: Vec::new(),
                 flutter: Flutter::default(),
                 shaded: Vec::new(),
+                shadows: Shadows::default(),
                 foreground: Vec::new(),
                 picture: Vec::new(),
                 seen: Vec::new(),
@@ -251,6 +256,7 @@ impl Segmenter {
             resize("masks", mask, pixels, 0)?;
         }
         state.flutter.reset(pixels)?;
+        state.shadows = Shadows::default();
         state.picture.clear();
         resize("a picture", &mut state.picture, pixels, 0.0)?;
         state.light = [1.0, 0.0];

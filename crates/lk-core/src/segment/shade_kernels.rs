@@ -1,5 +1,6 @@
 //! Rows of what the shade of a thing explains.
 
+use super::background::OLD;
 use super::slopes::gradient;
 use crate::simd::{Kernel, Simd};
 
@@ -11,6 +12,8 @@ const PENUMBRA: f32 = 2.5;
 const TEXTURED: f32 = 2.0;
 /// The inside of a shade keeps a share of the light with at most this standard deviation.
 const UNEVEN: f32 = 0.04;
+/// Texture in a shade is the background's but for this share of its squares: the light is not quite alike all around.
+const UNLIKE: f32 = 0.08;
 
 pub(super) struct Ratio<'a> {
     pub(super) a: &'a [f32],
@@ -108,6 +111,12 @@ pub(super) struct Shade<'a> {
     pub(super) means: [&'a [f32]; 4],
     pub(super) ratio: &'a [f32],
     pub(super) noise: f32,
+    /// Which shares of the light a shade leaves where no texture tells it.
+    pub(super) learned: [f32; 2],
+    /// 1 where these were learned.
+    pub(super) believed: u8,
+    /// Frames in which the background was seen.
+    pub(super) age: &'a [u8],
     /// Where it is a shade, and where the background's texture says so.
     pub(super) to: [&'a mut [u8]; 2],
 }
@@ -120,14 +129,27 @@ impl Kernel for Shade<'_> {
         let [ex, ey, square, texture] = self.means;
         let means = ex.iter().zip(ey).zip(square.iter().zip(texture));
         let [shade, told] = self.to;
-        let to = shade.iter_mut().zip(told.iter_mut()).zip(self.ratio);
-        for (((shade, told), ratio), ((ex, ey), (square, texture))) in to.zip(means) {
+        let [low, high] = self.learned;
+        let to = shade
+            .iter_mut()
+            .zip(told.iter_mut())
+            .zip(self.ratio.iter().zip(self.age));
+        for (((shade, told), (ratio, age)), ((ex, ey), (square, texture))) in to.zip(means) {
             // A soft edge is a gradient that is alike all around.
             let unlike = square - ex * ex - ey * ey;
             let dark = u8::from(*ratio > SHADES[0]) & u8::from(*ratio < SHADES[1]);
             let made = self.noise * (1.0 + ratio * ratio);
-            *shade = dark & u8::from(unlike < made);
-            *told = *shade & u8::from(*texture > TEXTURED * made);
+            let alike = u8::from(unlike < made + UNLIKE * texture);
+            let textured = u8::from(*texture > TEXTURED * made);
+            *told = dark & alike & textured;
+            let learned = u8::from(*ratio > low) & u8::from(*ratio < high);
+            // What was only seen in the shade comes into the light.
+            let back = 1.0 / *ratio;
+            let bright = u8::from(back > SHADES[0]) & u8::from(back < SHADES[1]);
+            let inside = u8::from(back > low) & u8::from(back < high) & self.believed;
+            let young = u8::from(*age < OLD);
+            *shade =
+                alike & ((dark & (textured | learned)) | (bright & young & (textured | inside)));
         }
     }
 }

@@ -14,6 +14,7 @@ use super::difference::{Compared, Difference, FIVE};
 use super::difference_kernels::Masks;
 use super::morphology::{Element, Size, dilate};
 use super::shade_kernels::{Penumbra, Ratio, Shade, Unlike};
+use super::shadows::shares;
 use super::slopes::rows_around;
 
 /// Windows of a shade differ from the background by so many times what noise makes.
@@ -77,6 +78,14 @@ impl Difference {
         }
         self.morphology
             .open(core, size, Element::Square(3), execution)?;
+        self.shadows.see(core, &self.ratio[whole.clone()]);
+        if let Some([low, high]) = self.shadows.inside() {
+            let places = self.shade[whole.clone()].iter().zip(differs);
+            let places = places.zip(&self.ratio[whole.clone()]);
+            for (to, ((shade, differs), ratio)) in core.iter_mut().zip(places) {
+                *to |= shade & differs & u8::from(*ratio > low) & u8::from(*ratio < high);
+            }
+        }
         if !core.contains(&1) {
             return Ok(());
         }
@@ -153,11 +162,17 @@ impl Difference {
             dispatch(level, kernel);
         };
         let noise = SHADE_NOISE * of.noise * of.noise;
+        let inside = self.shadows.inside();
+        let (believed, learned) = (u8::from(inside.is_some()), shares(inside));
+        let age = &with.age[whole.clone()];
         let emit = |local: usize, y: usize, means: [&[f32]; 4], to: &mut Masks<'_>| {
             let kernel = Shade {
                 means,
                 ratio: &ratio[place(y)],
                 noise,
+                learned,
+                believed,
+                age: &age[place(y)],
                 to: [to.0.row_mut(local), to.1.row_mut(local)],
             };
             dispatch(level, kernel);

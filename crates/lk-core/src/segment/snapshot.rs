@@ -46,6 +46,7 @@ impl Segmenter {
             &background.deviation,
             &state.picture,
             &state.prev,
+            &state.shadows.seen,
         ];
         let mut numbers: Vec<f64> = state.canvas.to_canvas.iter().flatten().copied().collect();
         numbers.extend(state.motion.iter().flatten());
@@ -112,6 +113,7 @@ impl Segmenter {
                 &mut background.deviation,
                 &mut state.picture,
                 &mut state.prev,
+                &mut state.shadows.seen,
             ],
         ) && split(&snapshot.samples, [&mut background.samples])
             && snapshot.numbers.len() == NUMBERS;
