@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import errno
 import os
 import shutil
@@ -182,7 +183,8 @@ class FileOutput:
     def __init__(self, rr: Any, layout: Any, name: str, path: Path) -> None:
         self.open = True
         self.kept: Path | None = None
-        self._path = path
+        self._rr, self._path = rr, path
+        self._late = 0
         self._working = Working(path)
         self.stream = new_stream(rr, name, lag_s=0.25)
         try:
@@ -213,14 +215,20 @@ class FileOutput:
             # One that is not waited for stays for ever where the writer has ended.
             self.stream.flush(timeout_sec=_FLUSH_S)
         except Exception as error:
-            # A slow disk is none that is full.
-            return "timed out" not in str(error).lower()
+            # A slow disk is none that is full, but it is not that slow twice.
+            self._late += 1
+            return self._late > 1 or "timed out" not in str(error).lower()
+        self._late = 0
         return False
 
     def _end(self, *, whole: bool) -> None:
         """Close the file and name it, as partial one where its end is missing."""
         self.open = False
-        ended = _within(self.stream.disconnect, _CLOSING_S)
+        ended = _within(self.stream.disconnect, _CLOSING_S if whole else _FLUSH_S)
+        if not ended:
+            # A writer that has given up may never answer: nobody waits for it, at the interpreter's end either.
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.stream))
+            self._rr.unregister_shutdown()
         whole = whole and ended
         try:
             self.kept = self._working.keep(self._path if whole else partial_name(self._path))
