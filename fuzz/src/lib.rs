@@ -9,6 +9,8 @@ pub mod corners;
 pub mod dense;
 pub mod frames;
 pub mod grid;
+pub mod moving;
+pub mod plane;
 pub mod pyramid;
 pub mod shift;
 pub mod stream;

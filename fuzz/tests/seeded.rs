@@ -1,6 +1,10 @@
 //! The bodies of the fuzz targets over random bytes, on a stable toolchain: `cargo test --release` in this folder.
 //!
-//! `FUZZ_CASES` sets how many cases each target sees, `FUZZ_SEED` which.
+//! Cases that were kept in `seeds/` come first. `FUZZ_CASES` sets how many random ones each target sees, `FUZZ_SEED` which;
+//! `FUZZ_SECONDS` lets each go on for so long instead.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use arbitrary::{Arbitrary, Unstructured};
 
@@ -23,48 +27,61 @@ fn bytes(mut state: u64, count: usize) -> Vec<u8> {
     (0..count).map(|_| next()).collect()
 }
 
-fn run<C: for<'a> Arbitrary<'a> + std::fmt::Debug>(check: fn(&C)) {
-    let first = setting("FUZZ_SEED", 1);
-    for seed in first..first + setting("FUZZ_CASES", 400) {
-        let bytes = bytes(seed, 512);
-        let case = C::arbitrary(&mut Unstructured::new(&bytes)).expect("a case from any bytes");
+/// Until when every target may go on, in seconds of a whole run of the tests; without FUZZ_SECONDS, FUZZ_CASES count.
+fn ends() -> Option<Instant> {
+    let seconds = setting("FUZZ_SECONDS", 0);
+    (seconds > 0).then(|| Instant::now() + Duration::from_secs_f64(seconds as f64))
+}
+
+/// The cases that were kept because they once found something, or reach what random bytes seldom do.
+fn kept(target: &str) -> Vec<(String, Vec<u8>)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("seeds")
+        .join(target);
+    let files = std::fs::read_dir(folder).into_iter().flatten();
+    let mut paths: Vec<PathBuf> = files.map(|file| file.expect("a file").path()).collect();
+    paths.sort();
+    let read = |path: PathBuf| {
+        let bytes = std::fs::read(&path).expect("a kept case");
+        (path.display().to_string(), bytes)
+    };
+    paths.into_iter().map(read).collect()
+}
+
+fn run<C: for<'a> Arbitrary<'a> + std::fmt::Debug>(target: &str, check: fn(&C)) {
+    let once = |name: &str, bytes: &[u8]| {
+        let Ok(case) = C::arbitrary_take_rest(Unstructured::new(bytes)) else {
+            return;
+        };
         // Printed where the test fails: FUZZ_SEED with FUZZ_CASES=1 runs this case alone.
-        println!("seed {seed}: {case:?}");
+        println!("{name}: {case:?}");
         check(&case);
+    };
+    for (name, bytes) in kept(target) {
+        once(&name, &bytes);
+    }
+    let (first, ends) = (setting("FUZZ_SEED", 1), ends());
+    let cases = setting("FUZZ_CASES", 400);
+    for seed in first.. {
+        let done = ends.map_or(seed - first >= cases, |end| Instant::now() >= end);
+        if done {
+            break;
+        }
+        once(&format!("seed {seed}"), &bytes(seed, 512));
     }
 }
 
-#[test]
-fn shift() {
-    run(lk_core_fuzz::shift::check);
+macro_rules! targets {
+    ($($target:ident),*) => {
+        $(
+            #[test]
+            fn $target() {
+                run(stringify!($target), lk_core_fuzz::$target::check);
+            }
+        )*
+    };
 }
 
-#[test]
-fn track() {
-    run(lk_core_fuzz::track::check);
-}
-
-#[test]
-fn stream() {
-    run(lk_core_fuzz::stream::check);
-}
-
-#[test]
-fn dense() {
-    run(lk_core_fuzz::dense::check);
-}
-
-#[test]
-fn corners() {
-    run(lk_core_fuzz::corners::check);
-}
-
-#[test]
-fn pyramid() {
-    run(lk_core_fuzz::pyramid::check);
-}
-
-#[test]
-fn grid() {
-    run(lk_core_fuzz::grid::check);
-}
+targets!(
+    shift, track, stream, dense, corners, pyramid, grid, moving, plane
+);

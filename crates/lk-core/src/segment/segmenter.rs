@@ -222,6 +222,7 @@ impl Segmenter {
         self.state.canvas = Canvas::new(size, self.options.camera_moves);
         self.forget()?;
         self.state.frames = 0;
+        self.state.prev.clear();
         self.state.spread = 0.0;
         resize("masks", &mut self.state.moving, size.0 * size.1, 0)?;
         self.state.moving.fill(0);

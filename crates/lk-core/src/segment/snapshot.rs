@@ -215,3 +215,27 @@ fn parallax_of(numbers: &[f64]) -> Option<Parallax> {
         turned: [angle, weight],
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use ndarray::Array2;
+
+    use super::super::segmenter::{Segmenter, SegmenterOptions};
+    use crate::Execution;
+
+    #[test]
+    fn of_one_that_was_begun_anew() {
+        let size = (24, 16);
+        let mut segmenter =
+            Segmenter::new(SegmenterOptions::new(false, 1, 1.0, 0.3), size).unwrap();
+        let frame = Array2::from_shape_fn((size.1, size.0), |(y, x)| ((7 * x + 11 * y) % 50) as u8);
+        let one = Execution::default().threads(1);
+        segmenter.update(frame.view(), None, None, &one).unwrap();
+        segmenter.reset().unwrap();
+        let kept = segmenter.snapshot();
+        segmenter.restore(&kept).unwrap();
+        assert_eq!(segmenter.snapshot(), kept);
+        segmenter.update(frame.view(), None, None, &one).unwrap();
+        assert_eq!(segmenter.moving(), vec![0; size.0 * size.1]);
+    }
+}
