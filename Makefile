@@ -7,12 +7,18 @@ OUT ?= out
 # Of the property tests; another one searches elsewhere: make test SEED=7
 SEED ?= 20261122
 RUN := $(VENV)/bin/python
+# How many processes run the Python tests: auto is one a core.
+JOBS ?= auto
+# What `make dist` promises, how long `make fuzz` seeks, how many frames `make soak` takes.
+MANYLINUX ?= manylinux2014
+FUZZ_SECONDS ?= 60
+FRAMES ?= 1000000
 
 SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE-MIT LICENSE-APACHE \
 	$(shell find crates python -type f \( -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.toml' -o -name '*.json' -o -name '*.md' -o -name 'py.typed' -o -name '*.css' -o -name '*.js' \))
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python test-arm lint bench docs clean
+.PHONY: help demo test test-rust test-python test-arm lint bench docs dist fuzz soak clean
 
 help: ## Show the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -28,12 +34,12 @@ test-rust: ## Run the Rust tests
 	PROPTEST_RNG_SEED=$(SEED) cargo test --workspace --locked
 
 test-python: $(VENV)/.package $(VENV)/.test ## Run the Python tests, README and docs blocks among them
-	$(RUN) -m pytest -q tests
+	$(RUN) -m pytest -q -n $(JOBS) --dist loadfile tests
 
 test-arm: ## Run lk-core's tests for aarch64 in an emulator: root on an x86-64 Debian with debootstrap
 	.ci/test_arm
 
-lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdoc, licences, ruff, mypy --strict, stubtest
+lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdoc, licences, ruff, mypy --strict, stubtest, instruction counts
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	cargo check -p lk-core --no-default-features --locked --quiet
@@ -43,6 +49,7 @@ lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdo
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/mypy
 	$(RUN) -m mypy.stubtest rsflow._core --ignore-disjoint-bases
+	$(RUN) .ci/count_instructions.py
 
 bench: $(VENV)/.package $(VENV)/.bench ## Measure speed and accuracy beside rivals; rewrites the tables of README and docs
 	cargo bench --workspace --locked
@@ -57,8 +64,20 @@ docs: $(VENV)/.package $(VENV)/.docs ## Build the documentation into docs/_build
 	@echo
 	@echo "Open docs/_build/index.html in a browser."
 
+dist: $(VENV)/.dist ## Build a wheel that needs no Rust and the source distribution into dist; install and run both
+	rm -rf dist
+	PATH="$(abspath $(VENV))/bin:$$PATH" $(VENV)/bin/maturin build --release --locked --zig --compatibility $(MANYLINUX) --out dist
+	$(VENV)/bin/maturin sdist --out dist
+	$(RUN) .ci/check_dist.py dist
+
+fuzz: ## Feed the fuzz targets kept and random bytes for FUZZ_SECONDS (60) altogether
+	cd fuzz && FUZZ_SECONDS=$(FUZZ_SECONDS) cargo test --release --locked
+
+soak: $(VENV)/.package ## Put a million frames through each streaming object: memory flat, nothing left (about two hours)
+	$(RUN) .ci/soak.py --frames $(FRAMES)
+
 clean: ## Remove what was built
-	rm -rf target $(VENV) $(OUT) docs/_build docs/gallery/pictures docs/notebooks/*.ipynb docs/jupyter_execute
+	rm -rf target dist $(VENV) $(OUT) docs/_build docs/gallery/pictures docs/notebooks/*.ipynb docs/jupyter_execute
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
@@ -71,6 +90,6 @@ $(VENV)/.package: $(SOURCES) | $(VENV)/bin/python
 	$(RUN) -m pip install --quiet '.[all]'
 	@touch $@
 
-$(VENV)/.test $(VENV)/.bench $(VENV)/.lint $(VENV)/.docs: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
+	rm -rf target dist $(VENV) $(OUT) docs/_build docs/gallery/pictures docs/notebooks/*.ipynb docs/jupyter_execute
 	$(RUN) -m pip install --quiet --group $*
 	@touch $@
