@@ -165,9 +165,22 @@ def test_a_polygon_that_is_none_is_told(here, capsys, corners, message):
         (["p0.png", "p1.png", "--line", "1,2,1,2"], 2, "expected ends at different places"),
         (["p0.png", "p1.png", "--extensometer", "1,2,x,4"], 2, "expected 4 numbers in pixels"),
         (["p0.png", "p1.png", "--plot", "depth"], 2, "invalid choice"),
+        (["p0.png", "p1.png", "--window", "97"], 1, "--window: got 97 pixels, expected windows that fit into the"),
+        (["p0.png", "p1.png", "--probe", "128,5"], 1, "--probe: got (128, 5), expected a place within the frames, 128"),
+        (["p0.png", "p1.png", "--line", "5,5,9,96"], 1, "--line: got (9, 96), expected a place within"),
+        (["p0.png", "p1.png", "--extensometer", "5,-1,9,9"], 1, "--extensometer: got (5, -1), expected a place"),
     ],
 )
 def test_what_does_not_fit_is_one_line(here, capsys, line, code, message):
     assert main(["grid", *line, "-o", "out"]) == code
     assert message in capsys.readouterr().err
-    assert not (here / "out").exists()
+    assert not (here / "out" / "grids.csv").exists()
+
+
+def test_what_was_not_measured_is_told_with_its_reason(here, capsys):
+    cv2.imwrite(str(here / "blank.png"), np.full((96, 128), 90, np.uint8))
+    assert main(["grid", "blank.png", "blank.png", "-o", "out", "--dt", "2ms"]) == 0
+    told = capsys.readouterr().out
+    assert "0 of 35 nodes measured\n  35 low_texture: " in told
+    (summary,) = rows(here / "out" / "grids.csv")
+    assert float(summary["t_s"]) == 0.002

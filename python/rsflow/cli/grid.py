@@ -8,6 +8,7 @@ import json
 import math
 import re
 import sys
+from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -176,6 +177,7 @@ def run(args: argparse.Namespace) -> int:
     probes = _probes(args)
     table = folder / "grids.csv"
     rows: list[dict[str, Any]] = []
+    statuses: Counter[str] = Counter()
     written: list[Path] = []
     frames, interrupted = 0, False
     with ExitStack() as stack:
@@ -191,6 +193,8 @@ def run(args: argparse.Namespace) -> int:
         before: Any = None
         try:
             for frame in source:
+                if frames == 0:
+                    _expect_within(args, frame.image.shape[::-1])
                 if frames == 0 and mask is not None:
                     expect_size(f"--mask {args.mask}", mask, frame.image.shape[::-1])
                 if frames == 0 and args.polygon:
@@ -203,9 +207,11 @@ def run(args: argparse.Namespace) -> int:
                     result.record()
                     _write(args, grid, files, before)
                     written += files
+                    time = _time_of(args, frame, frames)
                     if probes is not None:
-                        probes.add(grid, _time_of(args, frame, frames))
-                    rows.append(_row(grid, frame.index, frame.t_s, y_up=args.y_up))
+                        probes.add(grid, time)
+                    rows.append(_row(grid, frame.index, math.nan if time is None else time, y_up=args.y_up))
+                    statuses.update(grid.status_names.ravel().tolist())
                 if before is None or args.reference == "previous":
                     before = frame.image.copy()
         except KeyboardInterrupt:
@@ -217,7 +223,7 @@ def run(args: argparse.Namespace) -> int:
         if probes is not None and rows:
             written += _save_probes(args, probes, folder, read)
         result.finish([table, *written])
-    _tell(args, rows, table)
+    _tell(args, rows, statuses, table)
     if interrupted:
         print("rsflow grid: interrupted; what was measured until then is written", file=sys.stderr)
         return 130
@@ -246,6 +252,20 @@ def _probes(args: argparse.Namespace) -> GridProbes | None:
 
     places = args.probe or [], args.line or [], args.extensometer or []
     return GridProbes(places[0], lines=places[1], extensometers=places[2]) if any(places) else None
+
+
+def _expect_within(args: argparse.Namespace, size: tuple[int, int]) -> None:
+    """Refuse windows that are larger than the frames, and places that are outside of them."""
+    from rsflow.errors import OptionError
+
+    frames = f"the frames, {size[0]} x {size[1]}"
+    if args.window > min(size):
+        raise OptionError(f"--window: got {args.window} pixels, expected windows that fit into {frames}")
+    for option in ("probe", "line", "extensometer"):
+        for given in getattr(args, option) or []:
+            for x, y in [given] if option == "probe" else given:
+                if not (-0.5 <= x <= size[0] - 0.5 and -0.5 <= y <= size[1] - 0.5):
+                    raise OptionError(f"--{option}: got ({x:g}, {y:g}), expected a place within {frames}")
 
 
 def _time_of(args: argparse.Namespace, frame: Any, frames: int) -> float | None:
@@ -319,12 +339,17 @@ def _save_rows(path: Path, rows: list[dict[str, Any]]) -> None:
             writer.writerow(f"{value:.7g}" if isinstance(value, float) else value for value in row.values())
 
 
-def _tell(args: argparse.Namespace, rows: list[dict[str, Any]], table: Path) -> None:
-    """Print what was measured."""
+def _tell(args: argparse.Namespace, rows: list[dict[str, Any]], statuses: Counter[str], table: Path) -> None:
+    """Print what was measured, and why the rest was not."""
+    from rsflow.grid import GridStatus
+
     nodes, measured = (sum(row[name] for row in rows) for name in ("nodes", "measured"))
     summary = {"pairs": len(rows), "nodes": nodes, "measured": measured, "table": str(table)}
     if args.json:
         print(json.dumps(summary))
         return
     print(f"{len(rows)} pair{'' if len(rows) == 1 else 's'}, {measured} of {nodes} nodes measured")
+    for name, count in statuses.most_common():
+        if not GridStatus[name].valid:
+            print(f"  {count} {GridStatus[name].word}: {GridStatus[name].explanation}")
     print(table)
