@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from ..errors import MissingExtraError, OptionError
 from ..io.picture_names import PICTURES, natural_key
 from . import remote
 
@@ -43,7 +44,7 @@ def _of_word(word: str, notes: list[str]) -> list[int | str]:
     if remote.is_remote(word):
         try:
             return list(remote.listed(word, VIDEOS)) or [word]
-        except OSError:
+        except (OSError, OptionError, MissingExtraError):
             return [word]
     path = Path(word)
     if path.is_dir():

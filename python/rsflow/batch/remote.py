@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from .._extras import require
+from ..errors import CaptureError, MissingExtraError, OptionError
 
 __all__ = ["fetched", "is_remote", "listed", "moved", "read", "received", "removed", "sent", "stamp", "storage"]
 
@@ -34,9 +35,17 @@ def storage(url: str) -> tuple[Any, str]:
     ------
     MissingExtraError
         If fsspec, or what it needs for this kind of storage, is not installed.
+    OptionError
+        If fsspec knows no such kind of storage.
     """
-    fsspec = require("fsspec", extra="fsspec", purpose=f"reading and writing {url.split('://')[0]}://")
-    file_system, path = fsspec.core.url_to_fs(url)
+    kind = url.split("://")[0]
+    fsspec = require("fsspec", extra="fsspec", purpose=f"reading and writing {kind}://")
+    try:
+        file_system, path = fsspec.core.url_to_fs(url)
+    except ImportError as error:
+        raise MissingExtraError(f"{url}: reading and writing {kind}:// needs more: {error}") from None
+    except ValueError as error:
+        raise OptionError(f"{url}: expected a kind of storage that fsspec knows, as s3:// or file://: {error}") from None
     return file_system, str(path)
 
 
@@ -57,11 +66,14 @@ def stamp(url: str) -> str:
 
     Raises
     ------
-    OSError
+    CaptureError
         If there is no such file.
     """
     file_system, path = storage(url)
-    info = file_system.info(path)
+    try:
+        info = file_system.info(path)
+    except FileNotFoundError:
+        raise CaptureError(f"{url}: no such file in storage") from None
     told = [url, *(f"{name}={info[name]}" for name in _TOLD if info.get(name) is not None)]
     return hashlib.blake2b("\n".join(told).encode(), digest_size=16).hexdigest()
 

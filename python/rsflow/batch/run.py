@@ -123,7 +123,12 @@ def extract_many(
     listed = given(sources)
     if not listed:
         raise OptionError("sources: got none, expected at least one")
-    if not remote.is_remote(out):
+    if remote.is_remote(out):
+        # What cannot be written is told before hours are spent on it.
+        remote.storage(str(out))
+        if executor is None and str(out).lower().startswith("memory://"):
+            raise OptionError(f"out: got {out}, expected a place that outlasts the processes that write to it")
+    else:
         out = _checks.path("out", out, "a folder")
     jobs = _checks.integer_or_none("jobs", jobs, least=1)
     if executor is not None:
