@@ -100,3 +100,6 @@ def test_a_scheduler_that_is_not_there_is_told(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("rsflow.batch.cluster._WAIT_S", 0.5)
     assert main(["batch", "a.mp4", "-o", str(tmp_path / "out"), "--scheduler", "tcp://127.0.0.1:9"]) == 1
     assert "expected the address of a Dask scheduler" in capsys.readouterr().err
+    # Dask would wait for a file that is not there.
+    assert main(["batch", "a.mp4", "-o", str(tmp_path / "out"), "--scheduler", "nobody"]) == 1
+    assert "scheduler: got nobody, expected an address, as tcp://host:8786, or" in capsys.readouterr().err

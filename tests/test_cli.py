@@ -56,6 +56,7 @@ def test_version(capsys):
         (["extract", "a.mp4", "-o", "b", "--roi", "1,2"], ["expected x,y,width,height", "'1,2'"]),
         (["extract", "a.mp4", "-o", "b", "--preset", "best"], ["invalid choice", "balanced"]),
         (["extract", "a.mp4", "-o", "b", "--height", "1", "--height-csv", "h.csv"], ["not allowed with"]),
+        (["live", "a.mp4", "--stop", "3"], ["unrecognized arguments: --stop 3 (see"]),
         (["demo", "--frames", "3"], ["at least 10"]),
     ],
 )

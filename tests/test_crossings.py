@@ -67,7 +67,10 @@ def test_the_commands_have_the_same_words(walk: np.ndarray, tmp_path: Path, caps
     assert main(["extract", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--no-videos", "-q", *told]) == 0
     assert main(["batch", str(tmp_path / "in"), "-o", str(tmp_path / "many"), "--jobs", "1", "--no-videos", *told]) == 0
     assert main(["segment", str(tmp_path / "in"), "-o", str(tmp_path / "seg"), "--camera-motion", "static", *told]) == 0
-    assert "1 crossed 80,119,80,0 to the right, 0 to the left." in capsys.readouterr().out
+    told_of = capsys.readouterr().out
+    assert "1 crossed 80,119,80,0 to the right, 0 to the left." in told_of
+    assert "px/s" not in told_of.splitlines()[-3]
+    assert " m/s" in told_of.splitlines()[-3]
     counts = [
         json.loads(path.read_text())["lines"][0]["to_right"]
         for path in (tmp_path / "out/summary.json", tmp_path / "many/in/summary.json", tmp_path / "seg/objects.json")

@@ -191,3 +191,8 @@ def test_a_sum_that_is_not_known_is_not_given(tmp_path):
     assert out.summary["displacement_sum_px"] == [None, None]
     assert "How far the picture went in sum is not known, since 1 of 2 pairs" in out.summary["text"]
     assert out.summary["displacement_sum_measured_px"][0] == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_sum_of_nothing_has_no_others(tmp_path):
+    out = rsflow.extract(np.full((3, 72, 96), 90, np.uint8), tmp_path, frame_rate=10, videos=False)
+    assert "since 2 of 2 pairs (0.20 s) could not be measured. " in out.summary["text"]

@@ -6,6 +6,7 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
+from pathlib import Path
 from typing import Any
 
 from .._extras import require
@@ -38,6 +39,9 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
         If Dask is not installed.
     """
     distributed = require("distributed", extra="dask", purpose="working on a Dask cluster")
+    if "://" not in address and not Path(address).is_file():
+        # Dask would wait for such a file without an end.
+        raise OptionError(f"scheduler: got {address}, expected an address, as tcp://host:8786, or a scheduler file")
     given: dict[str, Any] = {"address": address} if "://" in address else {"scheduler_file": address}
     try:
         client = distributed.Client(**given, timeout=_WAIT_S, set_as_default=False)

@@ -74,7 +74,9 @@ class Parser(argparse.ArgumentParser):
         """Print `message` as one line and leave with exit code 2."""
         unknown = re.match(r"unrecognized arguments: (--[^\s=]+)", message)
         if unknown:
-            message += suggestion(unknown[1], self._option_string_actions)
+            # Without the dashes, which all have in common.
+            known = {option.lstrip("-"): option for option in self._option_string_actions}
+            message += suggestion(unknown[1].lstrip("-"), known).replace("mean '", "mean '--")
         self.exit(2, f"{self.prog}: {printable(message)} (see '{self.prog} --help')\n")
 
 

@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.output)
     mask = mask_of(args.mask)
     segmenter = _segmenter(args, mask)
-    count, seen = 0, Seen()
+    count, seen = 0, Seen(args.scale)
     statistics = ObjectStatistics(lines=[CountingLine(*line) for line in args.line], scale_m_per_px=args.scale)
     with contextlib.ExitStack() as stack:
         source = stack.enter_context(

@@ -255,10 +255,8 @@ def _sum_text(figures: Figures) -> str:
     part = f"{missing} of {pairs} pairs" + (f" ({time:.2f} s)" if math.isfinite(time) else "")
     if not math.isfinite(x):
         mx, my = figures["displacement_sum_measured_px"]
-        return (
-            f"how far the picture went in sum is not known, since {part} could not be measured; the others add up to "
-            f"{_towards(mx, my)}"
-        )
+        others = f"; the others add up to {_towards(mx, my)}" if missing < pairs else ""
+        return f"how far the picture went in sum is not known, since {part} could not be measured{others}"
     dx, dy = figures["displacement_sum_std_px"]
     if not missing:
         return f"in sum the picture went {_towards(x, y)}"

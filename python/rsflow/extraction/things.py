@@ -155,13 +155,15 @@ def thing_figures(objects: Series, motion: Series, *, still: bool = True) -> dic
 class Seen:
     """Gather the things of frame after frame, to say at the end how many and how fast they were."""
 
-    def __init__(self) -> None:
+    def __init__(self, scale_m_per_px: float | None = None) -> None:
+        self._scale = scale_m_per_px
         names = tuple(dict.fromkeys(("frame", *OBJECT_COLUMNS)))
         self._objects, self._motion = Series(names), Series(("frame", "objects"))
 
     def add(self, frame: Frame, result: MotionSegmentation) -> None:
         """Take what moved in a frame."""
-        for row in object_rows(frame, result):
+        scale = self._scale
+        for row in object_rows(frame, result, None if scale is None else lambda places: np.full(len(places), scale)):
             self._objects.append(row)
         self._motion.append({"frame": frame.index, "objects": len(result.objects)})
 
