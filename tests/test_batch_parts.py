@@ -160,13 +160,13 @@ def test_storage_that_is_none_is_told_before_the_work(clip, capsys, monkeypatch)
         raise ImportError(f"Install what {url} needs")
 
     assert main(["batch", str(clip), "-o", "nosuch://bucket/out"]) == 1
-    assert "rsflow batch: nosuch://bucket/out: expected storage" in capsys.readouterr().err
+    assert "rsflow batch: storage: got nosuch://bucket/out, expected what fsspec knows" in capsys.readouterr().err
     with ThreadPoolExecutor(1) as pool:
         words = ["nosuch://bucket/a.mp4", "memory://none/a.mp4"]
         sources, _ = found_sources(words)
         assert sources == words
         items = extract_many(sources, "out", executor=pool)
-        assert items[0].error.startswith("nosuch://bucket/a.mp4: expected storage")
+        assert items[0].error.startswith("storage: got nosuch://bucket/a.mp4, expected")
         assert items[1].error == "memory://none/a.mp4: no such file in storage"
     monkeypatch.setattr(fsspec.core, "url_to_fs", lacking)
     with pytest.raises(rsflow.MissingExtraError, match=r"s3://b/out: .* Install what s3://b/out needs"):

@@ -45,7 +45,7 @@ def storage(url: str) -> tuple[Any, str]:
     except ImportError as error:
         raise MissingExtraError(f"{url}: reading and writing {kind}:// needs more: {error}") from None
     except ValueError as error:
-        raise OptionError(f"{url}: expected storage that fsspec knows, as s3://...: {error}") from None
+        raise OptionError(f"storage: got {url}, expected what fsspec knows, as s3://...: {error}") from None
     return file_system, str(path)
 
 
