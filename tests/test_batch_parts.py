@@ -85,8 +85,11 @@ def test_folders_and_parts_on_processes(clip, whole, tmp_path, capsys):
     assert [groups.row_group(k).num_rows for k in range(groups.num_row_groups)] == [24, 36]
     # What is done is not done again.
     before = (tmp_path / "out" / "a" / "summary.json").stat().st_mtime_ns
+    # A process that was killed when all was there has left its parts.
+    (tmp_path / "out" / "a" / PARTS).mkdir()
     assert main(["batch", str(folder / "a.mp4"), "-o", str(tmp_path / "out"), *options, *cut, "--resume", "-q"]) == 0
     assert (tmp_path / "out" / "a" / "summary.json").stat().st_mtime_ns == before
+    assert not (tmp_path / "out" / "a" / PARTS).exists()
 
 
 def test_a_batch_that_was_interrupted_goes_on_with_the_parts_that_are_there(clip, whole, tmp_path):

@@ -72,6 +72,8 @@ def test_every_kind_has_two_frames_and_a_truth_for_each_pixel() -> None:
 
 
 def test_all_methods_are_measured_and_right_on_an_easy_kind(found: KindsBench) -> None:
+    # OpenPIV's second step fails in pictures as small as quick ones.
+    assert [method.name for method in methods_of("grid", quick=True)] == ["rsflow displacement_grid", "rsflow, robust"]
     for subject in SUBJECTS:
         names = [method.name for method in methods_of(subject, quick=True)]
         assert names == [row.method for row in found.rows if (row.subject, row.kind) == (subject, "shift of 3 px")]

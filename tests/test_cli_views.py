@@ -145,6 +145,15 @@ def test_segment(tmp_path: Path, clip: str, capsys: pytest.CaptureFixture[str]) 
     assert "nothing to compare" in capsys.readouterr().err
 
 
+def test_segment_says_in_how_many_frames_nothing_could_be_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f"blank{number}.png"), np.full((48, 64), 90, np.uint8))
+    assert main(["segment", str(tmp_path / "blank*.png"), "-o", str(tmp_path / "out")]) == 0
+    assert "In 2 of 3 frames what moves could not be told: " in capsys.readouterr().out
+
+
 def test_convert(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     uv = np.random.default_rng(3).normal(0, 4, (20, 30, 2)).astype(np.float32)
     uv[3, 4] = np.nan

@@ -81,6 +81,8 @@ def whole(assignment: Assignment, source: Any, again: bool = False) -> BatchItem
             from .parquet import as_parquet
 
             as_parquet(done.files, rows=None)
+        # Of a run that died when its parts were joined.
+        _removed(f"{assignment.folder}/{PARTS}")
         return assignment.item(BatchStatus.DONE, summary=done.summary)
 
 
@@ -154,6 +156,8 @@ def cut(assignment: Assignment, source: Any) -> Plan | BatchItem:
         claim = Claim(here, source, assignment.settings, overwrite=bool(assignment.options.get("overwrite")))
         if assignment.resume:
             if (complete := finished(claim)) is not None:
+                # A worker that died at the end has left them.
+                _removed(f"{assignment.folder}/{PARTS}")
                 return assignment.item(BatchStatus.DONE, summary=complete.summary)
             if any(unfinished(here)):
                 return Plan()

@@ -71,9 +71,10 @@ def missing() -> tuple[str, ...]:
 
 
 def methods_of(subject: str, *, quick: bool = False) -> list[Method]:
-    """Give what a subject is measured with; quick: without what takes seconds a picture."""
+    """Give what a subject is measured with; quick: without what takes seconds a picture, or needs larger ones."""
     made: dict[str, Callable[[], list[Method]]] = {
-        "dense flow": partial(_dense, slow=not quick), "points": _points, "displacement": _shift, "grid": _grid,
+        "dense flow": partial(_dense, slow=not quick), "points": _points, "displacement": _shift,
+        "grid": partial(_grid, small=quick),
     }  # fmt: skip
     return made[subject]()
 
@@ -229,7 +230,7 @@ def _phase_cross_correlation(scene: Scene, points: Array) -> tuple[float, float]
     return float(columns), float(rows)
 
 
-def _grid() -> list[Method]:
+def _grid(*, small: bool) -> list[Method]:
     def ours(scene: Scene, points: Array, **options: Any) -> Any:
         return displacement_grid(
             scene.prev,
@@ -252,7 +253,8 @@ def _grid() -> list[Method]:
         Method("rsflow displacement_grid", ours, read),
         Method("rsflow, robust", partial(ours, robust=True), read),
     ]
-    if find_spec("openpiv") is not None:
+    # Between its two steps it lays a spline through the windows, which four along each side are needed for.
+    if not small and find_spec("openpiv") is not None:
         methods.append(Method("OpenPIV, windows 64, 32", _passes, _piv))
     return methods
 

@@ -157,19 +157,26 @@ class Seen:
 
     def __init__(self, scale_m_per_px: float | None = None) -> None:
         self._scale = scale_m_per_px
+        self._frames, self._blind = 0, 0
         names = tuple(dict.fromkeys(("frame", *OBJECT_COLUMNS)))
         self._objects, self._motion = Series(names), Series(("frame", "objects"))
 
     def add(self, frame: Frame, result: MotionSegmentation) -> None:
         """Take what moved in a frame."""
+        self._frames += 1
+        self._blind += result.status == "no_camera_motion"
         scale = self._scale
         for row in object_rows(frame, result, None if scale is None else lambda places: np.full(len(places), scale)):
             self._objects.append(row)
         self._motion.append({"frame": frame.index, "objects": len(result.objects)})
 
     def text(self) -> str:
-        """Say how many things moved, and how fast."""
-        return thing_text(thing_figures(self._objects, self._motion))
+        """Say how many things moved, and how fast; and in how many frames that could not be told."""
+        said = thing_text(thing_figures(self._objects, self._motion))
+        if self._blind:
+            said += f" In {self._blind} of {self._frames} frames what moves could not be told: "
+            said += "the flow does not tell the camera's motion."
+        return said
 
 
 def value_text(value: float | None, std: float | None, unit: str) -> str:
