@@ -95,6 +95,9 @@ def extract_many(
 
     Notes
     -----
+    Without `executor` new processes do the work, which import the script that calls: there the call stands under
+    ``if __name__ == "__main__":``.
+
     Of parts that overlap, the displacement and the dense flow in ``motion.csv``, ``velocity.csv`` and
     ``trajectory.csv`` are those of one run, byte for byte. What moves is told as after `overlap` frames:
     ``objects.csv`` and the columns of the segmentation in ``motion.csv`` are those of one run to within what a longer
