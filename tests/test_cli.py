@@ -282,3 +282,20 @@ def test_interrupted_live_ends_with_130(clip):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (130, "rsflow live: interrupted\n")
     assert len(done.stdout.splitlines()) == 2
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_help_fits_the_terminal_and_loses_no_word(command, capsys, monkeypatch):
+    told = {}
+    for columns in (200, 80, 40):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        with pytest.raises(SystemExit):
+            cli._parsed([command, "--help"])
+        whole = capsys.readouterr().out
+        before = re.split(r"\n\n(?:positional arguments|options):\n", whole)[0]
+        told[columns] = before.split("\n\n", 1)[1]
+        lines = told[columns].splitlines()
+        assert [line for line in lines if len(line) > columns and not line.startswith(" ")] == []
+        # A command to copy stays whole.
+        assert {line for line in told[200].splitlines() if line.startswith("  rsflow ")} <= set(lines)
+    assert told[40].split() == told[80].split() == told[200].split()

@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn
 
+from rsflow.cli._help import HelpFormatter
 from rsflow.cli._streams import give_up_output, printable, usable_streams
 
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)`, `run(args) -> int` and, where argparse does not do,
@@ -96,7 +97,7 @@ def _top_parser() -> Parser:
         description="Motion from picture sequences on a CPU: displacement, points, dense flow, velocity, "
         "what moves and what stands still.",
         epilog=_overview(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=HelpFormatter,
         allow_abbrev=False,
     )
     top.add_argument("--version", action="version", version=f"rsflow {__version__}")
@@ -120,7 +121,7 @@ def _parsed(arguments: list[str]) -> tuple[str, Callable[[argparse.Namespace], i
         description=module.DESCRIPTION,
         # Where a command's codes mean no more than all others', they are said here.
         epilog=None if "exit code" in module.DESCRIPTION.lower() else _EXIT_CODES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=HelpFormatter,
         allow_abbrev=False,
     )
     module.add_arguments(parser)
