@@ -301,6 +301,28 @@ def test_a_window_that_deforms_gives_its_centre_and_its_gradient() -> None:
     assert 0.90 < np.mean(np.abs(units) < 2) < 0.995
 
 
+@pytest.mark.parametrize(
+    "matrix", [((0.0, 0.05), (0.0, 0.0)), ((0.05, 0.0), (0.0, 0.05)), ((0.0, -0.03), (0.03, 0.0))], ids=str
+)
+def test_a_window_that_deforms_is_not_sure_and_wrong_without_its_gradient(matrix) -> None:
+    """It may settle on a part that moves alike: then the deviation says how far off the middle may be."""
+    (xx, xy), (yx, yy) = matrix
+
+    def move(x, y):
+        x, y = x - 79.5, y - 59.5
+        return 1.3 + xx * x + xy * y, -0.6 + yx * x + yy * y
+
+    for seed in range(4):
+        scene = rsflow.synthetic.textured_pair(move, size=(160, 120), seed=seed)
+        shift = estimate_shift(scene.prev, scene.next)
+        assert shift.status in (ShiftStatus.VALID, ShiftStatus.NO_MATCH, ShiftStatus.NOT_CONVERGED)
+        if shift.valid:
+            assert (np.abs([shift.dx - 1.3, shift.dy + 0.6]) < 3 * np.sqrt(np.diag(shift.covariance))).all()
+        whole = estimate_shift(scene.prev, scene.next, deformation="affine")
+        assert whole.valid
+        assert np.hypot(whole.dx - 1.3, whole.dy + 0.6) < 0.02
+
+
 def test_windows_of_a_vortex_say_how_far_off_their_centre_may_be() -> None:
     """The displacement is not linear over a window: the centre is corrected, and its covariance holds the rest."""
     centre = 127.5

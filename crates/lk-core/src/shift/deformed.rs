@@ -5,28 +5,30 @@ use super::gauss_newton::{Found, Problem};
 use super::judge::{CONTRADICTION, MAX_SCATTER, beyond, is_light};
 use super::matrix::{inverse, quadratic};
 use super::result::{Shift, ShiftStatus};
-use crate::error::Result;
 
 /// A window that may deform does not go further than this, in pixels, from where one that may not goes.
 const ELSEWHERE: f64 = 0.5;
+/// A window deforms where a displacement that varies leaves less than this share of what one that does not leaves, as
+/// root mean square.
+const EXPLAINS_MORE: f64 = 0.9;
 
 impl Problem<'_> {
-    /// The displacement and its gradient, from a displacement without one.
+    /// The displacement and its gradient, which a displacement without one led to.
     /// `measured` says whether that is a measurement itself.
     pub(super) fn deformed(
-        &mut self,
+        &self,
         start: &Found,
-        from: usize,
+        affine: Option<Affine>,
         limit: [f64; 2],
         measured: bool,
-    ) -> Result<Shift> {
-        let Some(affine) = self.affine(start, from)? else {
+    ) -> Shift {
+        let Some(affine) = affine else {
             let status = if start.matches {
                 ShiftStatus::NotConverged
             } else {
                 ShiftStatus::NoMatch
             };
-            return Ok(Shift::invalid(status));
+            return Shift::invalid(status);
         };
         let displacement = [affine.motion[0], affine.motion[1]];
         let gain = (1.0 + affine.alpha / 2.0) / (1.0 - affine.alpha / 2.0);
@@ -44,11 +46,11 @@ impl Problem<'_> {
             ShiftStatus::Valid
         };
         if status != ShiftStatus::Valid {
-            return Ok(Shift::invalid(status));
+            return Shift::invalid(status);
         }
         let normalization = self.inputs.normalization;
         let offset = affine.beta / (1.0 - affine.alpha / 2.0);
-        Ok(Shift {
+        Shift {
             dx: displacement[0],
             dy: displacement[1],
             covariance: std::array::from_fn(|i| std::array::from_fn(|j| affine.covariance[i][j])),
@@ -60,8 +62,18 @@ impl Problem<'_> {
             offset: offset / normalization.scale + normalization.mean * (1.0 - gain),
             residual: affine.residual / normalization.scale,
             status,
-        })
+        }
     }
+}
+
+/// How far a displacement without a gradient is from that of the window's centre; `None` unless a displacement that
+/// varies linearly explains the frames better, though it has one light and one weight for the whole window.
+///
+/// The weights of a window that deforms settle on a part that moves alike, and what the rest says weighs next to nothing.
+pub(super) fn off_by_deforming(rigid: &Found, affine: &Affine) -> Option<[f64; 2]> {
+    let explains = affine.residual < EXPLAINS_MORE * rigid.solution.residual;
+    (affine.steady && affine.matches() && explains)
+        .then(|| [0, 1].map(|axis| affine.motion[axis] - rigid.displacement[axis]))
 }
 
 /// Whether a window that may deform went somewhere else than one that may not was measured to go.

@@ -2,11 +2,12 @@
 //!
 //! `docs/explanation/algorithms.md`, section "Displacement of a window: estimate_shift".
 
+use super::deformed::off_by_deforming;
 use super::gauss_newton::{COMMON_STRUCTURE, Found, Guess, Problem};
 use super::judge::{
     AMBIGUITY_RATIO, CONTRADICTION, EDGE_INFORMATION, EXPLAINED, beyond, judge, measured,
 };
-use super::matrix::{inverse, largest_direction, quadratic};
+use super::matrix::{eigenvalues, inverse, largest_direction, quadratic};
 use super::model::LightScope;
 use super::options::{ShiftDeformation, ShiftOptions};
 use super::result::{Shift, ShiftStatus};
@@ -17,6 +18,10 @@ use crate::error::Result;
 
 /// Below this share the border of the window, where gradients are not whole, may be what tells it.
 const THIN_INFORMATION: f64 = 0.1;
+/// Where the tiles contradict each other by more than this, in variance over noise, and leave a deviation above that, in
+/// pixels, the window may deform.
+const SCATTERS: f64 = 4.0;
+const DOUBTFUL: f64 = 0.03;
 /// Displacements further apart than this, in pixels, are two.
 const MIN_SEPARATION: f64 = 1.0;
 /// Rounding to whole grey levels leaves this much.
@@ -71,8 +76,23 @@ impl Workspace {
             status,
             ShiftStatus::Valid | ShiftStatus::NoMatch | ShiftStatus::NotConverged
         );
+        let affine = if follows && options.deformation == ShiftDeformation::Affine
+            || status == ShiftStatus::Valid && may_deform(&best)
+        {
+            problem.affine(&best, from)?
+        } else {
+            None
+        };
+        if status == ShiftStatus::Valid
+            && let Some(affine) = &affine
+            && let Some(apart) = off_by_deforming(&best, affine)
+        {
+            best.add(apart.map(|a| apart.map(|b| a * b)));
+            status = judge(&best, limit, ambiguous);
+        }
         if follows && options.deformation == ShiftDeformation::Affine {
-            return problem.deformed(&best, from, limit, status == ShiftStatus::Valid);
+            let measured = status == ShiftStatus::Valid;
+            return Ok(problem.deformed(&best, affine, limit, measured));
         }
         if status != ShiftStatus::Valid {
             return Ok(Shift::invalid(status));
@@ -252,6 +272,12 @@ impl Problem<'_> {
             ..found
         }))
     }
+}
+
+/// Whether the tiles contradict each other as those of a window that deforms do.
+fn may_deform(found: &Found) -> bool {
+    let [_, largest] = eigenvalues(found.covariance());
+    found.solution.excess > SCATTERS && largest > DOUBTFUL * DOUBTFUL
 }
 
 /// How far apart the displacements with one light for the window and with one for each part of it are, if that is more
