@@ -896,6 +896,7 @@ def _range_log() -> synthetic.RangeLog:
     return synthetic.RangeFinder(rate_hz=200.0).log(flight())
 
 
+@functools.cache
 def _layers() -> synthetic.LayersPair:
     return synthetic.layers_pair(size=(WIDTH, HEIGHT), median_px=3.0, things=2, seed=1)
 

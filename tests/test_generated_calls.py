@@ -54,6 +54,7 @@ LONG = {
 # What these do when they are called is the caller's own; that they are functions is checked all the same.
 FUNCTIONS = {
     "displacement", "lighting", "lighting_prev", "exposure_drift", "on_frame", "on_done", "on_view", "progress",
+    "on_progress", "at_once",
 }  # fmt: skip
 # The same, where numbers are taken too, or several functions.
 ALSO_FUNCTIONS = {

@@ -21,7 +21,7 @@ from rsflow.velocity import Sensors
 @pytest.fixture(scope="module")
 def seen() -> rsflow.MotionSegmentation:
     segmenter = rsflow.MotionSegmenter(camera_motion="moving")
-    return [segmenter.update(frame.image) for frame in rsflow.synthetic.flight_with_object(frames=4)][-1]
+    return [segmenter.update(frame.image) for frame in rsflow.synthetic.flight_with_object(frames=6)][-1]
 
 
 def gathered(seen: rsflow.MotionSegmentation, frames: int, picture: np.ndarray) -> Slides:

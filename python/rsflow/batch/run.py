@@ -77,7 +77,7 @@ def extract_many(
         Write each table as Parquet too, with a row group for each part.
     at_once : callable, optional
         How many sources and parts are handed to `executor` at once, asked again and again; by default as many as there
-        are sources, and twice as many as processors of this machine where they are cut.
+        are sources, and twice as many as processors of this machine where they are cut; 0: none for now.
     on_progress : callable, optional
         Called with how many sources are done, parts of them counted as fractions, and how many there are.
     **options

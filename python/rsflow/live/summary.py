@@ -12,7 +12,7 @@ __all__ = ["Ended", "LiveSummary"]
 Ended = Literal["end", "frames", "seconds", "interrupted"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LiveSummary:
     """What a live run comes to.
 
