@@ -90,6 +90,6 @@ $(VENV)/.package: $(SOURCES) | $(VENV)/bin/python
 	$(RUN) -m pip install --quiet '.[all]'
 	@touch $@
 
-	rm -rf target dist $(VENV) $(OUT) docs/_build docs/gallery/pictures docs/notebooks/*.ipynb docs/jupyter_execute
+$(VENV)/.test $(VENV)/.bench $(VENV)/.lint $(VENV)/.docs $(VENV)/.dist: $(VENV)/.%: pyproject.toml | $(VENV)/bin/python
 	$(RUN) -m pip install --quiet --group $*
 	@touch $@
