@@ -155,6 +155,16 @@ def add_preset(parser: Arguments, *, default: str) -> None:
     )
 
 
+def add_camera_motion(parser: Arguments) -> None:
+    """Add --camera-motion, where it may be left to the first frames."""
+    parser.add_argument(
+        "--camera-motion",
+        choices=("auto", "moving", "static"),
+        default="auto",
+        help="does the camera move? (default auto: decided from the first frames)",
+    )
+
+
 def add_illumination(parser: Arguments) -> None:
     """Add --illumination."""
     parser.add_argument(

@@ -8,6 +8,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from rsflow.cli._options import (
+    add_camera_motion,
     add_illumination,
     add_lines,
     add_mask,
@@ -67,12 +68,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_lines(parser.add_argument_group("things that move"))
     how = parser.add_argument_group("how to measure")
     add_preset(how, default="fast")
-    how.add_argument(
-        "--camera-motion",
-        choices=("auto", "moving", "static"),
-        default="auto",
-        help="does the camera move? (default auto: decided from the first frames)",
-    )
+    add_camera_motion(how)
     add_illumination(how)
     add_max_displacement(how)
     how.add_argument("--no-videos", action="store_true", help="tables and report only: faster")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rsflow.cli._export import add_exports, exports
 from rsflow.cli._live_lines import Lines, Status
 from rsflow.cli._options import (
+    add_camera_motion,
     add_illumination,
     add_mask,
     add_max_displacement,
@@ -86,12 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_roi(how)
     add_mask(how)
     add_preset(how, default="fast")
-    how.add_argument(
-        "--camera-motion",
-        choices=("auto", "moving", "static"),
-        default="auto",
-        help="does the camera move? (default auto: decided from the first frames)",
-    )
+    add_camera_motion(how)
     add_illumination(how)
     add_max_displacement(how)
     until = parser.add_argument_group("how long, and how patient")

@@ -95,8 +95,8 @@ def _outlined(arrowed: NDArray[np.uint8], seen: MotionSegmentation) -> NDArray[n
     height, width = seen.moving.shape
     scale = min(1.0, LONGEST / max(arrowed.shape[:2]))
     size = (max(1, round(arrowed.shape[1] * scale)), max(1, round(arrowed.shape[0] * scale)))
-    # A copy: the picture itself goes into the video.
-    out = np.asarray(cv2.resize(arrowed, size, interpolation=cv2.INTER_AREA), np.uint8).copy()
+    # Another array also of the same size: the picture itself goes into the video.
+    out = np.asarray(cv2.resize(arrowed, size, interpolation=cv2.INTER_AREA), np.uint8)
     if seen.mask is not None:
         # What does not count is darkened.
         left_out = cv2.resize((~seen.mask).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
