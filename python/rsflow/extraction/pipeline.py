@@ -219,9 +219,7 @@ class Pipeline:
     def to_first(self) -> list[list[float]]:
         """Give what takes a place of the last frame to the picture in which things are followed over the ground."""
         assert self._segmenter is not None, "settle, begin or go_on comes first"
-        tracker = self._segmenter.__getstate__()["state"]["_tracker"]
-        found = np.eye(3) if tracker is None else tracker.__getstate__()["state"]["_to_first"]
-        return np.asarray(found, np.float64).tolist()  # type: ignore[no-any-return]
+        return self._segmenter.to_first.tolist()  # type: ignore[no-any-return]
 
     def finish(self, frame: Frame, shift: Shift | None, flow: FlowField | None, *, after_gap: bool = False) -> Measured:
         """Second step: moving and static, velocity, and the rows of the tables.

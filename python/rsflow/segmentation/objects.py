@@ -122,6 +122,11 @@ class ObjectTracker(Shared):
         )
         return f"ObjectTracker({told}): {int(self._things.listed.sum())} objects followed"
 
+    @property
+    def to_first(self) -> F64:
+        """Homography (3, 3) from the last frame to the first, in which ways over the ground are told; NaN if lost."""
+        return self._to_first.copy()
+
     @alone
     def update(
         self,

@@ -136,6 +136,11 @@ class MotionSegmenter(Shared):
         before = "no frame yet" if self._shape is None else f"frames of {self._shape[1]} x {self._shape[0]}"
         return f"MotionSegmenter({told}): {before}"
 
+    @property
+    def to_first(self) -> NDArray[np.float64]:
+        """Homography (3, 3) from the last frame to the first, in which ways over the ground are told; NaN if lost."""
+        return np.eye(3) if self._tracker is None else self._tracker.to_first
+
     @anew
     def reset(self) -> None:
         """Forget everything: the next frame is a first one, as after a cut."""
