@@ -77,6 +77,39 @@ def test_how_many_and_how_fast() -> None:
     assert [heading(thing) for thing in found] == ["right", "right", "right"]
 
 
+def place_of(x: np.ndarray, y: np.ndarray, *, std: float = math.nan) -> str:
+    objects = Series((*OBJECTS, "x_std_px", "y_std_px"))
+    for frame, (at_x, at_y) in enumerate(zip(x, y, strict=True)):
+        row = {"frame": frame, "id": 1, "x_px": at_x, "y_px": at_y, "area_px": 2500, "x_std_px": std, "y_std_px": std}
+        objects.append(row)
+    (thing,) = lasting(objects)[1]
+    return heading(thing)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_way_counts_against_how_well_places_are_known_not_against_the_size_of_the_thing(seed: int) -> None:
+    frames = np.arange(60)
+    jitter = np.random.default_rng(seed).normal(0, 0.5, (2, 60))
+    # 27 px, of a thing of 50 px.
+    assert place_of(100 + 27 * frames / 59 + jitter[0], 50 + jitter[1]) == "right"
+    assert place_of(100 + jitter[0], 50 - 27 * np.minimum(frames, 20) / 20 + jitter[1]) == "up"
+    assert place_of(100 + jitter[0], 50 + jitter[1]) == "about its place"
+    assert place_of(100 + jitter[0] + 27 * np.sin(frames / 8), 50 + jitter[1]) == "to and fro"
+    # The jitter of a place that is not known to 10 px, though it does not show.
+    assert place_of(100 + 27 * frames / 59, 50.0 + 0 * frames, std=10) == "about its place"
+    assert place_of(100 + 27 * frames / 59, 50.0 + 0 * frames, std=2) == "right"
+
+
+def test_what_went_to_and_fro_or_stood_still_exactly_is_said_to() -> None:
+    still = np.full(30, 50.0)
+    assert place_of(still, still) == "about its place"
+    figures = key_figures(film(0), None, None) | camera_figures(film(0), "static")
+    figures |= thing_figures(things(), film(0)) | {"headings": {"to and fro": 2, "about its place": 1}}
+    _, where, _, _ = answers(figures | {"camera_motion_reason": "found so"})
+    assert Fact("to and fro", "most things: 2 of 3") in where.facts
+    assert "Of 3 things 2 went to and fro, 1 stayed about where it was." in where.sentences
+
+
 def test_nothing_and_what_is_brief() -> None:
     assert thing_text(thing_figures(Series(OBJECTS), film(0))) == "Nothing moved on its own."
     brief = Series(OBJECTS)

@@ -42,8 +42,10 @@ LASTING_FRAMES = 10
 _SPEEDS = (("m/s", "speed_m_s", "speed_std_m_s"), ("px/s", "speed_px_s", "speed_std_px_s"))
 # Names of eight directions, from the right clockwise as the picture shows them.
 _HEADINGS = ("right", "down right", "down", "down left", "left", "up left", "up", "up right")
-# A thing that ends up less than its own size from where it began goes nowhere.
-_LEAST_WAY_SIZES = 1.0
+# A way counts from so many of its deviations; the reach of many places from more, since the furthest of them is taken.
+_SURE_DEVIATIONS, _SURE_REACH_DEVIATIONS = 3.0, 6.0
+# What ends nearer to its start than this share of how far it got went to and fro.
+_LEAST_WAY_SHARE = 2 / 3
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,8 @@ class Thing:
         The first and the last frame.
     x, y : arrays
         Its centre in each of its frames, in pixels.
+    x_std, y_std : arrays
+        Their standard deviations, as stated; NaN where none was.
     speed, speed_std : float
         Median speed, and the median deviation that one frame's has; NaN where they are not known.
     area : float
@@ -71,6 +75,8 @@ class Thing:
     last: int
     x: F64
     y: F64
+    x_std: F64
+    y_std: F64
     speed: float
     speed_std: float
     area: float
@@ -79,6 +85,24 @@ class Thing:
     def way(self) -> tuple[float, float]:
         """From where it was seen first to where it was seen last, in pixels."""
         return float(self.x[-1] - self.x[0]), float(self.y[-1] - self.y[0])
+
+    @property
+    def way_std(self) -> float:
+        """Deviation of `way` in pixels: as stated of its ends, or by the jitter of all places if that is more."""
+        stated = sum(std[end] ** 2 for std in (self.x_std, self.y_std) for end in (0, -1) if math.isfinite(std[end]))
+        # Of places that are each off by themselves the second difference has six times the variance.
+        bends = sum(float(np.mean(second**2)) for second in map(_second_differences, (self.x, self.y)) if len(second))
+        return math.sqrt(max(stated / 2, bends / 6))
+
+    @property
+    def reach(self) -> float:
+        """How far it got from where it was seen first or last, in pixels."""
+        return max(float(np.nanmax(np.hypot(self.x - self.x[at], self.y - self.y[at]))) for at in (0, -1))
+
+
+def _second_differences(places: F64) -> F64:
+    second = np.diff(places, 2)
+    return second[np.isfinite(second)]
 
 
 def _median(values: F64) -> float:
@@ -104,6 +128,8 @@ def lasting(objects: Series, *, least: int = LASTING_FRAMES, ground: bool = Fals
     ids, frames = objects["id"], objects["frame"]
     names = ("x_ground_px", "y_ground_px") if ground and "x_ground_px" in objects else ("x_px", "y_px")
     x, y = (objects[name] for name in names)
+    stated = "x_std_px" in objects and "y_std_px" in objects
+    x_std, y_std = (objects["x_std_px"], objects["y_std_px"]) if stated else (np.full(len(ids), math.nan),) * 2
     area = objects["area_px"]
     order = np.argsort(ids, kind="stable")
     ends = np.flatnonzero(np.diff(ids[order])) + 1
@@ -114,7 +140,8 @@ def lasting(objects: Series, *, least: int = LASTING_FRAMES, ground: bool = Fals
         if len(shown) >= least:
             number, first, last = int(ids[at[0]]), int(frames[shown[0]]), int(frames[shown[-1]])
             typical = (_median(speed[shown]), _median(std[shown]), float(area[shown].mean()))
-            found.append(Thing(number, len(shown), first, last, x[shown], y[shown], *typical))
+            places = (x[shown], y[shown], x_std[shown], y_std[shown])
+            found.append(Thing(number, len(shown), first, last, *places, *typical))
     return unit, sorted(found, key=lambda thing: (-thing.frames, thing.id))
 
 
@@ -235,10 +262,14 @@ def speed_text(figures: dict[str, Any]) -> str:
 
 
 def heading(thing: Thing) -> str:
-    """Say in which of eight directions a thing went; that it stayed about where it was, if it did."""
+    """Say in which of eight directions a thing went; that it went to and fro, or stayed about where it was, if it did.
+
+    It went where its way is more than its places are off, however small that is beside its size.
+    """
     dx, dy = thing.way
     if not math.isfinite(dx + dy):
         return "not known where"
-    if math.hypot(dx, dy) < _LEAST_WAY_SIZES * math.sqrt(max(thing.area, 1.0)):
-        return "about its place"
-    return _HEADINGS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]
+    way, reach, std = math.hypot(dx, dy), thing.reach, thing.way_std
+    if way > _SURE_DEVIATIONS * std and way >= _LEAST_WAY_SHARE * reach:
+        return _HEADINGS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]
+    return "to and fro" if reach > _SURE_REACH_DEVIATIONS * std else "about its place"
