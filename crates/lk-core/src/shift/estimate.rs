@@ -22,6 +22,8 @@ const THIN_INFORMATION: f64 = 0.1;
 /// pixels, the window may deform.
 const SCATTERS: f64 = 4.0;
 const DOUBTFUL: f64 = 0.03;
+/// Of a large window, a part tells whether it does.
+const ENOUGH_CLUSTERS: usize = 1500;
 /// Displacements further apart than this, in pixels, are two.
 const MIN_SEPARATION: f64 = 1.0;
 /// Rounding to whole grey levels leaves this much.
@@ -76,10 +78,10 @@ impl Workspace {
             status,
             ShiftStatus::Valid | ShiftStatus::NoMatch | ShiftStatus::NotConverged
         );
-        let affine = if follows && options.deformation == ShiftDeformation::Affine
-            || status == ShiftStatus::Valid && may_deform(&best)
-        {
-            problem.affine(&best, from)?
+        let affine = if follows && options.deformation == ShiftDeformation::Affine {
+            problem.affine(&best, from, usize::MAX)?
+        } else if status == ShiftStatus::Valid && may_deform(&best) {
+            problem.affine(&best, from, ENOUGH_CLUSTERS)?
         } else {
             None
         };

@@ -4,6 +4,8 @@
 
 #![allow(clippy::needless_range_loop, reason = "filter indices")]
 
+use crate::simd::Eight;
+
 /// Taps on each side of the interpolation and of the derivative.
 pub(crate) const RADIUS: usize = 2;
 /// The taps of one filter.
@@ -46,6 +48,29 @@ pub(crate) fn taps(delta: f64) -> Taps {
         (1.0 - 2.0 * (even[0] + even[1])) as f32,
         (even[0] + odd[0]) as f32,
         (even[1] + odd[1]) as f32,
+    ]
+}
+
+/// [`taps`] of each lane.
+#[inline(always)]
+pub(crate) fn lane_taps<L: Eight>(delta: L) -> [L; 2 * RADIUS + 1] {
+    let square = delta * delta;
+    let mut even = [L::zero(); 2];
+    let mut odd = [L::zero(); 2];
+    for k in 0..2 {
+        let of = |table: &[[f64; 2]; 4], power: usize| L::splat(table[power][k] as f32);
+        even[k] = ((of(&EVEN, 3) * square + of(&EVEN, 2)) * square + of(&EVEN, 1)) * square
+            + of(&EVEN, 0);
+        odd[k] = (((of(&ODD, 3) * square + of(&ODD, 2)) * square + of(&ODD, 1)) * square
+            + of(&ODD, 0))
+            * delta;
+    }
+    [
+        even[1] - odd[1],
+        even[0] - odd[0],
+        L::splat(1.0) - L::splat(2.0) * (even[0] + even[1]),
+        even[0] + odd[0],
+        even[1] + odd[1],
     ]
 }
 

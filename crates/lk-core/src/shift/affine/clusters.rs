@@ -1,25 +1,25 @@
 //! Sums over clusters of pixels of the products of their features.
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
-use super::view::{FEATURES, Match, Sample, Sampled, View};
+use super::stripe::SumStripe;
+use super::view::{FEATURES, View};
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::memory::resize;
 use crate::parallel::{RowsMut, for_each_band};
-use crate::shift::filters::RADIUS;
+use crate::simd::dispatch;
 
 /// Products of two features, each pair once.
-const PRODUCTS: usize = FEATURES * (FEATURES + 1) / 2;
+pub(super) const PRODUCTS: usize = FEATURES * (FEATURES + 1) / 2;
 
 /// Pixels along a side of a cluster: what is left of its differences may pull together.
-const CLUSTER: usize = 8;
+pub(super) const CLUSTER: usize = 8;
 /// Rows that a thread takes at least are as many as hold this many pixels.
 const BAND_PIXELS: usize = 4096;
 
 /// What is kept from evaluation to evaluation.
 #[derive(Debug, Default)]
 pub(in crate::shift) struct Workspace {
-    values: Vec<([f32; 2], Match)>,
     clusters: Vec<Sums>,
 }
 
@@ -39,69 +39,147 @@ impl Workspace {
     }
 
     /// Sums over clusters of the window at one motion: no sum reaches over two of them, so that threads change no bit.
-    pub(super) fn sum(&mut self, view: &View<'_>, execution: &Execution) -> Result<()> {
-        let Self { values, clusters } = self;
-        let [columns, rows] = view.pair.window.map(|(low, high)| high - low);
-        let margin = RADIUS;
-        let (width, height) = (columns + 2 * margin, rows + 2 * margin);
-        let start = (view.pair.window).map(|(low, _)| low as isize - margin as isize);
-        values.clear();
-        let absent = ([f32::NAN; 2], Match::default());
-        resize("samples", values, width.saturating_mul(height), absent)?;
-        for_each_band(
-            execution,
-            height,
-            (BAND_PIXELS / width).max(1),
-            RowsMut::new(values, width),
-            |band, mut part| {
-                for (local, y) in band.enumerate() {
-                    for (x, value) in part.row_mut(local).iter_mut().enumerate() {
-                        let pixel = [start[0] + x as isize, start[1] + y as isize];
-                        let whole = view.whole(pixel);
-                        let found = view.sample(pixel, whole);
-                        *value = (found.unwrap_or([f32::NAN; 2]), Match { whole });
-                    }
-                }
-            },
+    /// Where about `enough` clusters tell what is asked, those of one row in so many are summed.
+    pub(super) fn sum(
+        &mut self,
+        view: &View<'_>,
+        enough: usize,
+        execution: &Execution,
+    ) -> Result<()> {
+        let [(left, right), (top, bottom)] = view.pair.window;
+        let (columns, rows) = (right - left, bottom - top);
+        let across = columns.div_ceil(CLUSTER);
+        let each = (across * rows.div_ceil(CLUSTER) / enough).max(1);
+        let down = rows.div_ceil(CLUSTER * each);
+        self.clusters.clear();
+        resize(
+            "clusters",
+            &mut self.clusters,
+            across * down,
+            [0.0; PRODUCTS],
         )?;
-        let sampled = Sampled {
-            start,
-            width,
-            values,
-        };
-        let (across, down) = (columns.div_ceil(CLUSTER), rows.div_ceil(CLUSTER));
-        clusters.clear();
-        resize("clusters", clusters, across * down, [0.0; PRODUCTS])?;
+        let level = execution.simd_level();
         for_each_band(
             execution,
             down,
-            (BAND_PIXELS / (width * CLUSTER)).max(1),
-            RowsMut::new(clusters, across),
+            (BAND_PIXELS / (columns * CLUSTER)).max(1),
+            RowsMut::new(&mut self.clusters, across),
             |band, mut part| {
-                for (local, cluster) in band.enumerate() {
-                    let sums = part.row_mut(local);
-                    for y in cluster * CLUSTER..((cluster + 1) * CLUSTER).min(rows) {
-                        for x in 0..columns {
-                            if let Some((features, weight)) =
-                                view.features(&sampled, x + margin, y + margin)
-                            {
-                                add(&mut sums[x / CLUSTER], &features, weight);
-                            }
-                        }
-                    }
+                for (local, stripe) in band.enumerate() {
+                    let y = top + stripe * each * CLUSTER;
+                    let stripe = SumStripe {
+                        view,
+                        y: y as isize,
+                        rows: CLUSTER.min(bottom - y),
+                        clusters: part.row_mut(local),
+                    };
+                    dispatch(level, stripe);
                 }
             },
         )
     }
 }
 
-fn add(sums: &mut Sums, features: &Sample, weight: f64) {
-    let mut next = 0;
-    for i in 0..FEATURES {
-        let weighted = weight * features[i];
-        for j in i..FEATURES {
-            sums[next] += weighted * features[j];
-            next += 1;
+/// A quadratic form of the features, to be taken of the sums of many clusters.
+pub(super) struct Form([f64; PRODUCTS]);
+
+impl Form {
+    /// The sum of the products of two combinations of the features.
+    pub(super) fn of(a: &[f64; FEATURES], b: &[f64; FEATURES]) -> Self {
+        let mut weights = [0.0; PRODUCTS];
+        let mut next = 0;
+        for i in 0..FEATURES {
+            for j in i..FEATURES {
+                weights[next] = a[i] * b[j] + if i == j { 0.0 } else { a[j] * b[i] };
+                next += 1;
+            }
+        }
+        Self(weights)
+    }
+
+    #[inline]
+    pub(super) fn at(&self, sums: &Sums) -> f64 {
+        const LANES: usize = 6;
+        const { assert!(PRODUCTS.is_multiple_of(LANES)) };
+        let mut parts = [0.0; LANES];
+        for at in (0..PRODUCTS).step_by(LANES) {
+            for lane in 0..LANES {
+                parts[lane] += self.0[at + lane] * sums[at + lane];
+            }
+        }
+        parts.iter().sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::reference;
+    use super::*;
+    use crate::frame::Plane;
+    use crate::shift::coordinates::Pair;
+    use crate::simd::SimdLevel;
+
+    fn textured(width: usize, height: usize, phase: f64) -> Plane {
+        let mut plane = Plane::new(width, height).unwrap();
+        for y in 0..height {
+            for (x, value) in plane.row_mut(y).iter_mut().enumerate() {
+                let (x, y) = (x as f64, y as f64);
+                let wave = (0.61 * x + 0.23 * y + phase).sin() + (0.37 * y - 0.11 * x).cos();
+                *value = (0.2 * wave + 0.5) as f32;
+            }
+        }
+        plane
+    }
+
+    #[test]
+    fn eight_pixels_at_a_time_are_summed_as_one_at_a_time() {
+        let (prev, next) = (textured(83, 61, 0.0), textured(90, 70, 0.4));
+        let mut holes = Plane::new(90, 70).unwrap();
+        for y in 0..70 {
+            for (x, value) in holes.row_mut(y).iter_mut().enumerate() {
+                *value = f32::from(u8::from((x * y) % 7 != 0));
+            }
+        }
+        let windows = [[(0, 83), (0, 61)], [(9, 71), (5, 50)], [(40, 52), (33, 44)]];
+        let motions = [
+            [0.0; 6],
+            [0.3, -0.4, 1e-3, -2e-3, 5e-4, 0.0],
+            [-3.7, 2.2, 0.03, -0.02, 0.02, 0.01],
+            [1.5, 0.5, -0.2, 0.3, -0.3, 0.25],
+        ];
+        for (window, motion) in windows.iter().flat_map(|w| motions.map(|m| (*w, m))) {
+            for weight in [None, Some(&holes)] {
+                let pair = Pair {
+                    prev: &prev,
+                    next: &next,
+                    prev_weight: None,
+                    next_weight: weight,
+                    origin: [-4, -3],
+                    window,
+                };
+                let view = View {
+                    pair,
+                    motion,
+                    center: [41.0, 30.0],
+                    unit: 41.0,
+                };
+                let want = reference::sums(&view);
+                let mut bits: Option<Vec<Sums>> = None;
+                for level in SimdLevel::available() {
+                    let execution = Execution::default().level(level);
+                    let mut workspace = Workspace::default();
+                    workspace.sum(&view, usize::MAX, &execution).unwrap();
+                    assert_eq!(workspace.sums().len(), want.len());
+                    for (got, want) in workspace.sums().iter().zip(&want) {
+                        for (got, want) in got.iter().zip(want) {
+                            let off = (got - want).abs();
+                            assert!(off < 2e-5 * (1.0 + want.abs()), "{got}, not {want}");
+                        }
+                    }
+                    let first = bits.get_or_insert_with(|| workspace.sums().to_vec());
+                    assert_eq!(first, workspace.sums(), "{level:?}");
+                }
+            }
         }
     }
 }

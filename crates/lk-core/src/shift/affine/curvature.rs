@@ -1,7 +1,7 @@
 //! What a displacement that varies quadratically over the window adds at its centre, from what an affine one leaves.
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
-use super::clusters::{Sums, index};
+use super::clusters::{Form, Sums, index};
 use super::view::{FEATURES, ONE, X, Y};
 use crate::shift::matrix::{Matrix, inverse, quadratic};
 
@@ -91,26 +91,23 @@ fn normal_equations(
     let mut system = [[0.0; UNKNOWNS + 2]; UNKNOWNS];
     let mut right = [0.0; UNKNOWNS];
     let mut telling = 0;
+    let pulls = [0, 1].map(|i| Form::of(gradients[i], rest));
+    let informations = [0, 1].map(|i| [0, 1].map(|j| Form::of(gradients[i], gradients[j])));
     for cluster in clusters {
         let count = cluster[index(ONE, ONE)];
         if count <= 0.0 {
             continue;
         }
         telling += 1;
-        let product = |a: &[f64; FEATURES], b: &[f64; FEATURES]| -> f64 {
-            let row =
-                |i: usize| -> f64 { (0..FEATURES).map(|j| cluster[index(i, j)] * b[j]).sum() };
-            (0..FEATURES).map(|i| a[i] * row(i)).sum()
-        };
         let [x, y] = [X, Y].map(|axis| cluster[index(ONE, axis)] / count);
         let place = [1.0, x, y, x * x, x * y, y * y];
         for i in 0..2 {
-            let pull = product(gradients[i], rest);
+            let pull = pulls[i].at(cluster);
             for p in 0..PLACES {
                 right[PLACES * i + p] -= place[p] * pull;
             }
             for j in 0..2 {
-                let information = product(gradients[i], gradients[j]);
+                let information = informations[i][j].at(cluster);
                 for p in 0..PLACES {
                     for q in 0..PLACES {
                         system[PLACES * i + p][PLACES * j + q] += information * place[p] * place[q];

@@ -18,11 +18,12 @@ const COARSE_SETTLED: f64 = 0.02;
 const MAX_GRADIENT: f64 = 0.5;
 impl Problem<'_> {
     /// The displacement that varies linearly over the window, from one that does not; `None` if too few pixels are
-    /// shown by both frames.
+    /// shown by both frames. `enough` clusters of the window, about, are looked at.
     pub(in crate::shift) fn affine(
         &mut self,
         start: &Found,
         from: usize,
+        enough: usize,
     ) -> Result<Option<Affine>> {
         let mut motion = [0.0; MOTION];
         let mut found = None;
@@ -46,7 +47,7 @@ impl Problem<'_> {
                     center,
                     unit,
                 };
-                self.clusters.sum(&view, &self.options.execution)?;
+                self.clusters.sum(&view, enough, &self.options.execution)?;
                 let light = Light::new(self.options.illumination);
                 let rounding = self.inputs.normalization.rounding / (scale * scale);
                 let damping = start.solution.damping;

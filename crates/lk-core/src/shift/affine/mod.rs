@@ -9,8 +9,11 @@
 mod clusters;
 mod curvature;
 mod iteration;
+#[cfg(test)]
+mod reference;
 mod solution;
 mod solve;
+mod stripe;
 mod view;
 
 pub(super) use clusters::Workspace;

@@ -1,7 +1,7 @@
 //! One step of the motion: the light is eliminated, and the covariance holds what clusters say against each other.
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
-use super::clusters::{Sums, index};
+use super::clusters::{Form, Sums, index};
 use super::curvature::correction;
 use super::solution::Affine;
 use super::view::{DIFFERENCE, FEATURES, MEAN, MOTION, ONE, X, Y};
@@ -181,30 +181,23 @@ impl Reduced {
         inverse_clean: &Square,
         by_noise: f64,
     ) -> f64 {
-        let combination = &self.combination;
+        // What the displacement feels along each axis.
+        let mut tells = [[0.0; FEATURES]; 2];
+        for (tells, inverse) in tells.iter_mut().zip(inverse_clean) {
+            for (weight, combination) in inverse.iter().zip(&self.combination) {
+                for (to, from) in tells.iter_mut().zip(combination) {
+                    *to += weight * from;
+                }
+            }
+        }
+        let felt = [0, 1].map(|axis| Form::of(&tells[axis], rest));
+        let noise = [0, 1].map(|axis| Form::of(&tells[axis], &tells[axis]));
         let (mut seen, mut expected, mut squares) = (0.0, 0.0, 0.0);
         for cluster in clusters {
-            let product = |a: &[f64; FEATURES], b: &[f64; FEATURES]| -> f64 {
-                let mut sum = 0.0;
-                for i in 0..FEATURES {
-                    for j in 0..FEATURES {
-                        sum += a[i] * cluster[index(i, j)] * b[j];
-                    }
-                }
-                sum
-            };
-            let pulls: [f64; MOTION] = std::array::from_fn(|i| product(&combination[i], rest));
             let mut part = 0.0;
             for axis in 0..2 {
-                let felt: f64 = (0..MOTION).map(|i| inverse_clean[axis][i] * pulls[i]).sum();
-                seen += felt * felt;
-                let mut tells = [0.0; FEATURES];
-                for i in 0..MOTION {
-                    for j in 0..FEATURES {
-                        tells[j] += inverse_clean[axis][i] * combination[i][j];
-                    }
-                }
-                part += by_noise * product(&tells, &tells);
+                seen += felt[axis].at(cluster).powi(2);
+                part += by_noise * noise[axis].at(cluster);
             }
             expected += part;
             squares += part * part;
