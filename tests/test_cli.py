@@ -303,3 +303,29 @@ def test_help_fits_the_terminal_and_loses_no_word(command, capsys, monkeypatch):
         # A command to copy stays whole.
         assert {line for line in told[200].splitlines() if line.startswith("  rsflow ")} <= set(lines)
     assert told[40].split() == told[80].split() == told[200].split()
+
+
+def test_stop_and_frames_mean_the_same_range_and_the_same_result(clip, capsys, tmp_path):
+    out = tmp_path / "out"
+
+    def frames_of(*options):
+        assert main(["track", str(clip), "-o", str(out), *options]) == 0, capsys.readouterr().err
+        return len({line.split(",")[0] for line in (out / "tracks.csv").read_text().splitlines()[1:]})
+
+    assert frames_of("--start", "1", "--frames", "2") == 2
+    # It is the result that is there already: none that would have to be overwritten.
+    assert frames_of("--start", "1", "--stop", "3") == 2
+    assert main(["track", str(clip), "-o", str(out), "--start", "1", "--stop", "4"]) == 1
+    assert "--overwrite" in capsys.readouterr().err
+    # Of five frames 0 and 2.
+    assert frames_of("--frames", "2", "--stride", "2", "--overwrite") == 2
+    assert main(["track", str(clip), "-o", str(out), "--frames", "2", "--stop", "2"]) == 2
+    assert "--stop: not allowed with argument --frames" in capsys.readouterr().err
+    assert main(["track", str(clip), "-o", str(out), "--frames", "0"]) == 2
+    assert "--frames: got '0', expected a whole number of at least 1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("word", ["--frames", "--stop"])
+def test_live_ends_by_both_words(clip, capsys, word):
+    assert main(["live", str(clip), "--json", word, "2"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 2

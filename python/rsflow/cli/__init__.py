@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn
 
 from rsflow.cli._help import HelpFormatter
+from rsflow.cli._options import settle_range
 from rsflow.cli._streams import give_up_output, printable, usable_streams
 
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)`, `run(args) -> int` and, where argparse does not do,
@@ -135,6 +136,7 @@ def _parsed(arguments: list[str]) -> tuple[str, Callable[[argparse.Namespace], i
         if action.option_strings and getattr(args, action.dest, None) == "":
             # As a path it would be the folder one happens to be in.
             parser.error(f"argument {action.option_strings[-1]}: got '', expected a value")
+    settle_range(args)
     if hasattr(module, "check"):
         # What argparse cannot say: which arguments go with which.
         module.check(parser, args)

@@ -23,8 +23,10 @@ __all__ = [
     "add_rate",
     "add_roi",
     "add_times",
+    "frame_count",
     "identity_of",
     "mask_of",
+    "settle_range",
     "source_of",
     "tell_notes",
 ]
@@ -110,10 +112,32 @@ def add_overwrite(parser: Arguments, *, where: str = "OUT") -> None:
 
 
 def add_range(parser: Arguments, *, stride: int | None = 1) -> None:
-    """Add --start, --stop and --stride; `stride` is what the last one is where it is not given."""
+    """Add --start, --stop or --frames, and --stride; `stride` is what the last one is where it is not given."""
     parser.add_argument("--start", type=int, metavar="N", help="first frame (counted from 0)")
-    parser.add_argument("--stop", type=int, metavar="N", help="end before this frame")
+    end = parser.add_mutually_exclusive_group()
+    end.add_argument("--stop", type=int, metavar="N", help="end before this frame (counted from 0)")
+    end.add_argument("--frames", type=frame_count, metavar="N", help="end after N frames, as of rsflow live")
     parser.add_argument("--stride", type=int, default=stride, metavar="N", help="take every Nth frame (default: 1)")
+
+
+def frame_count(text: str) -> int:
+    """Read how many frames to take."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a whole number of at least 1")
+    return number
+
+
+def settle_range(args: argparse.Namespace) -> None:
+    """Make the stop of what `add_range` read as a number of frames: one range is one result, however it was given."""
+    if not {"start", "stop", "stride", "frames"} <= vars(args).keys():
+        return
+    if args.frames is not None:
+        args.stop = (args.start or 0) + args.frames * (args.stride or 1)
+    del args.frames
 
 
 def add_rate(parser: Arguments) -> None:

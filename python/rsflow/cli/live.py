@@ -21,6 +21,7 @@ from rsflow.cli._options import (
     add_preset,
     add_rate,
     add_roi,
+    frame_count,
     source_of,
 )
 from rsflow.cli._sensors import add_ground, height_of, sensors_of
@@ -91,7 +92,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_illumination(how)
     add_max_displacement(how)
     until = parser.add_argument_group("how long, and how patient")
-    until.add_argument("--frames", type=int, metavar="N", help="end after N lines")
+    until.add_argument(
+        "--frames", "--stop", type=frame_count, metavar="N", help="end after N lines, one for each frame after the first"
+    )
     until.add_argument("--seconds", type=float, metavar="S", help="end after S seconds")
     until.add_argument("--real-time", action="store_true", help="play a video at its own pace, as a camera would")
     add_rate(until)
