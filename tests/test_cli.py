@@ -54,9 +54,9 @@ def test_version(capsys):
         (["extract"], ["the following arguments are required", "SOURCE"]),
         (["extract", "a.mp4", "-o", "b", "--heigth", "1"], ["--heigth", "did you mean '--height'"]),
         (["extract", "a.mp4", "-o", "b", "--roi", "1,2"], ["expected x,y,width,height", "'1,2'"]),
-        (["extract", "a.mp4", "-o", "b", "--preset", "best"], ["invalid choice", "balanced"]),
+        (["extract", "a.mp4", "-o", "b", "--preset", "best"], ["--preset: got 'best', expected", "balanced"]),
         (["extract", "a.mp4", "-o", "b", "--height", "1", "--height-csv", "h.csv"], ["not allowed with"]),
-        (["live", "a.mp4", "--stop", "3"], ["unrecognized arguments: --stop 3 (see"]),
+        (["live", "a.mp4", "--quux", "3"], ["unrecognized arguments: --quux 3 (see"]),
         (["demo", "--frames", "3"], ["at least 10"]),
     ],
 )
@@ -73,9 +73,9 @@ def test_wrong_usage_is_one_line_and_exit_code_2(arguments, words, capsys):
     ("arguments", "words"),
     [
         (["extract", "missing.mp4", "-o", "out"], ["rsflow extract: ", "missing.mp4"]),
-        (["extract", "missing.mp4", "-o", "out", "--height", "1"], ["height_m", "camera"]),
+        (["extract", "missing.mp4", "-o", "out", "--height", "1"], ["--height: got one", "--camera"]),
         (["live", "missing.mp4"], ["rsflow live: ", "missing.mp4"]),
-        (["live", "missing.mp4", "--height", "1"], ["camera, height_m", "both"]),
+        (["live", "missing.mp4", "--height", "1"], ["--camera, --height: got ", "both"]),
     ],
 )
 def test_failures_are_one_line_and_exit_code_1(arguments, words, capsys, tmp_path, monkeypatch):
@@ -329,3 +329,39 @@ def test_stop_and_frames_mean_the_same_range_and_the_same_result(clip, capsys, t
 def test_live_ends_by_both_words(clip, capsys, word):
     assert main(["live", str(clip), "--json", word, "2"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "message"),
+    [
+        ("segment CLIP -o OUT --line 1,1,1,1", 2, "--line: got '1,1,1,1', expected X0,Y0,X1,Y1: two ends at different"),
+        ("segment CLIP -o OUT --line -1,2,3", 2, "--line: got '-1,2,3', expected four numbers X0,Y0,X1,Y1"),
+        ("extract CLIP -o OUT --scale -1", 2, "--scale: got '-1', expected a number above 0"),
+        ("grid CLIP -o OUT --scale -1mm/px", 2, "--scale: got '-1mm/px', expected a length a pixel above 0"),
+        ("grid CLIP -o OUT --scale 5/px", 2, "--scale: got '5/px', expected a length a pixel above 0"),
+        ("grid CLIP -o OUT --dt -1ms", 2, "--dt: got '-1ms', expected a time above 0, as 1ms"),
+        ("grid CLIP -o OUT --window 0", 1, "--window: got 0, expected an integer of pixels from 8 to 256"),
+        ("extract CLIP -o OUT --roi -1,2,3,4", 1, "--roi: got (-1, 2, 3, 4), expected (x, y, width, height), four"),
+        ("extract CLIP -o OUT --rate 0", 1, "--rate: got 0.0, expected a positive number of frames per second"),
+        ("extract CLIP -o OUT --height 1", 1, "--height: got one, expected --camera with it"),
+        ("extract CLIP -o OUT --height-std x", 2, "--height-std: got 'x', expected a number"),
+        ("extract CLIP -o OUT --camera CLIP/camera.json --height -1", 1, "--height: got -1.0, expected a positive"),
+        (
+            "flow CLIP -o OUT --max-displacement -1",
+            1,
+            "--max-displacement: got -1.0, expected a positive number of pixels",
+        ),
+        ("velocity CLIP -o OUT --camera CLIP/camera.json --height 1 --mavlink x", 1, "--mavlink: got "),
+        ("live CLIP --json --seconds -1", 2, "--seconds: got '-1', expected a number above 0"),
+        ("live CLIP --json --scale -1", 2, "--scale: got '-1', expected a number above 0"),
+        ("batch CLIP -o OUT --jobs x", 2, "--jobs: got 'x', expected a whole number"),
+        ("bench nothing", 2, "subject: got 'nothing', expected kinds, velocity, segmentation or extract"),
+    ],
+)
+def test_a_value_that_is_wrong_is_told_by_its_option_as_typed_and_by_what_is_expected(
+    clip, capsys, tmp_path, line, code, message
+):
+    assert main(line.replace("CLIP", str(clip)).replace("OUT", str(tmp_path / "out")).split()) == code
+    (told,) = capsys.readouterr().err.splitlines()
+    assert message in told
+    assert "None" not in told

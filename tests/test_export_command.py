@@ -204,7 +204,7 @@ def test_live_sends_each_frame(flown, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        (("--mavlink", "px4:flow.txt"), "target: got"),
+        (("--mavlink", "px4:flow.txt"), "--mavlink: got"),
         (("--forward", "left"), "--forward: got it alone"),
         (("--mavlink", "px4:/dev/no-such-port,57600"), "cannot open /dev/no-such-port"),
     ],

@@ -194,7 +194,7 @@ REFUSED = [
     ),
     (("--height", "1", "--rates", "gyro.csv", "--log-start", "50"), "no frame has a rate.*source's time 0, 50 s now"),
     (("--range-csv", "ranges.csv", "--height-std", "0.1"), r"got a column range_std_m and 0\.1 m for all rows"),
-    (("--height", "1", "--dt-std", "-1"), "dt_std_s: got -1.0, expected a finite number of seconds of at least 0"),
+    (("--height", "1", "--dt-std", "-1"), "--dt-std: got -1.0, expected a finite number of seconds of at least 0"),
 ]  # fmt: skip
 
 

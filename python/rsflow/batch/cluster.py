@@ -41,13 +41,13 @@ def cluster(address: str) -> Iterator[tuple[Executor, Callable[[], int]]]:
     distributed = require("distributed", extra="dask", purpose="working on a Dask cluster")
     if "://" not in address and not Path(address).is_file():
         # Dask would wait for such a file without an end.
-        raise OptionError(f"scheduler: got {address}, expected an address, as tcp://host:8786, or a scheduler file")
+        raise OptionError(f"scheduler: got '{address}', expected an address, as tcp://host:8786, or a scheduler file")
     given: dict[str, Any] = {"address": address} if "://" in address else {"scheduler_file": address}
     try:
         client = distributed.Client(**given, timeout=_WAIT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         told = " ".join(str(error).split()) or type(error).__name__
-        raise OptionError(f"scheduler: got {address}, expected the address of a Dask scheduler: {told}") from None
+        raise OptionError(f"scheduler: got '{address}', expected the address of a Dask scheduler: {told}") from None
     asked = 0.0
     steps = _AHEAD
 

@@ -84,7 +84,9 @@ def read_polygon(text: str) -> list[tuple[float, float]]:
             f"polygon: got {text!r}, expected x0,y0,x1,y1,x2,y2 and so on, or a JSON or CSV file of corners"
         )
     if len(found) < 3:
-        raise OptionError(f"polygon: got {len(found)} corners in {text!r}, expected three or more")
+        raise OptionError(
+            f"polygon: got {len(found)} corner{'' if len(found) == 1 else 's'} in {text!r}, expected three or more"
+        )
     if not (np.abs(found) <= _FARTHEST_PX).all():
         raise OptionError(f"polygon: got {text!r}, expected finite corners within {_FARTHEST_PX:.0f} pixels")
     return found

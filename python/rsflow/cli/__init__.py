@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 from rsflow.cli._help import HelpFormatter
 from rsflow.cli._options import settle_range
 from rsflow.cli._streams import give_up_output, printable, usable_streams
+from rsflow.cli._words import in_options, usage_words
 
 # Command -> (module with `DESCRIPTION`, `add_arguments(parser)`, `run(args) -> int` and, where argparse does not do,
 # `check(parser, args)`; one line of help).
@@ -65,7 +66,14 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, name the help and suggest the nearest option."""
+    """A parser whose errors are one line, name the help and suggest the nearest option.
+
+    What begins with a minus and a digit is a value, `-1mm/px` as well as `-1`: no option is written so.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def _print_message(self, message: str, file: Any = None) -> None:
         """Print help or version; argparse passes over an error, after which nobody would know that nothing came."""
@@ -74,6 +82,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print `message` as one line and leave with exit code 2."""
+        message = usage_words(message)
         unknown = re.match(r"unrecognized arguments: (--[^\s=]+)", message)
         if unknown:
             # Without the dashes, which all have in common.
@@ -106,7 +115,7 @@ def _top_parser() -> Parser:
     return top
 
 
-def _parsed(arguments: list[str]) -> tuple[str, Callable[[argparse.Namespace], int | None], argparse.Namespace]:
+def _parsed(arguments: list[str]) -> tuple[Parser, Callable[[argparse.Namespace], int | None], argparse.Namespace]:
     """Find the command, import it alone, and parse its arguments."""
     top = _top_parser()
     if arguments[:1] == ["help"]:
@@ -140,7 +149,7 @@ def _parsed(arguments: list[str]) -> tuple[str, Callable[[argparse.Namespace], i
     if hasattr(module, "check"):
         # What argparse cannot say: which arguments go with which.
         module.check(parser, args)
-    return name, module.run, args
+    return parser, module.run, args
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -165,11 +174,11 @@ def _guarded(arguments: list[str]) -> int:
     """Run a command; an expected failure is one line, without a traceback."""
     from rsflow.errors import RsflowError
 
-    name = "rsflow"
+    name, parser = "rsflow", None
     try:
         try:
-            command, run, args = _parsed(arguments)
-            name = f"rsflow {command}"
+            parser, run, args = _parsed(arguments)
+            name = parser.prog
             code = int(run(args) or 0)
         except SystemExit as stop:
             code = 0 if stop.code is None else stop.code if isinstance(stop.code, int) else 2
@@ -183,7 +192,8 @@ def _guarded(arguments: list[str]) -> int:
     except KeyboardInterrupt as stop:
         return _told(name, stop, 130, str(stop) or "interrupted")
     except (RsflowError, OSError) as error:
-        return _told(name, error, 1, _words(error))
+        words = _words(error)
+        return _told(name, error, 1, in_options(words, parser) if parser else words)
     except MemoryError as error:
         return _told(name, error, 1, f"out of memory{f': {error}' if str(error) else ''}")
     except Exception as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from rsflow.capture import Frames
 
 __all__ = [
+    "above_zero",
     "add_illumination",
     "add_mask",
     "add_max_displacement",
@@ -78,7 +80,7 @@ def add_lines(parser: Arguments) -> None:
         help="count the things that cross this line, in pixels of the first frame; may be given again",
     )
     parser.add_argument(
-        "--scale", type=float, metavar="M_PER_PX", help="metres on the ground for each pixel: speeds in m/s too"
+        "--scale", type=above_zero, metavar="M_PER_PX", help="metres on the ground for each pixel: speeds in m/s too"
     )
 
 
@@ -88,7 +90,20 @@ def line_of(text: str) -> tuple[float, float, float, float]:
         x0, y0, x1, y1 = (float(part) for part in text.split(","))
     except ValueError:
         raise argparse.ArgumentTypeError(f"got {text!r}, expected four numbers X0,Y0,X1,Y1") from None
+    if not all(map(math.isfinite, (x0, y0, x1, y1))) or (x0, y0) == (x1, y1):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected X0,Y0,X1,Y1: two ends at different places, in pixels")
     return x0, y0, x1, y1
+
+
+def above_zero(text: str) -> float:
+    """Read a number above 0, of an option that has no other check."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a number above 0")
+    return value
 
 
 def mask_of(path: str | None, *, option: str = "--mask", size: tuple[int, int] | None = None) -> Any:

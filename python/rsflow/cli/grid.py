@@ -112,12 +112,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _scale(text: str) -> float:
     """Take a length a pixel in metres."""
-    return _quantity(text.removesuffix("/px"), _SCALE_M, "a length a pixel, as 0.05mm/px")
+    return _quantity(text, _SCALE_M, "a length a pixel above 0, as 0.05mm/px", per="/px")
 
 
 def _time(text: str) -> float:
     """Take a time in seconds."""
-    return _quantity(text, _TIME_S, "a time, as 1ms")
+    return _quantity(text, _TIME_S, "a time above 0, as 1ms")
 
 
 def _place(text: str) -> tuple[float, ...]:
@@ -143,8 +143,8 @@ def _coordinates(text: str, count: int) -> tuple[float, ...]:
     return found
 
 
-def _quantity(text: str, units: dict[str, float], expected: str) -> float:
-    found = re.fullmatch(r"([0-9.]+(?:e[-+]?[0-9]+)?) ?([a-z]+)", text.replace("µ", "u"))
+def _quantity(text: str, units: dict[str, float], expected: str, *, per: str = "") -> float:
+    found = re.fullmatch(r"([0-9.]+(?:e[-+]?[0-9]+)?) ?([a-z]+)", text.removesuffix(per).replace("µ", "u"))
     try:
         value = float(found[1]) * units[found[2]] if found else math.nan
     except (KeyError, ValueError):

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rsflow.cli._export import add_exports, exports
 from rsflow.cli._live_lines import Lines, Status
 from rsflow.cli._options import (
+    above_zero,
     add_camera_motion,
     add_illumination,
     add_mask,
@@ -83,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_overwrite(seen, where="OUT, the recording, the log or the bag")
     metric = parser.add_argument_group("metres per second")
     add_ground(metric)
-    metric.add_argument("--scale", type=float, metavar="M_PER_PX", help="metres for each pixel: things in m/s")
+    metric.add_argument("--scale", type=above_zero, metavar="M_PER_PX", help="metres for each pixel: things in m/s")
     how = parser.add_argument_group("how to measure")
     add_roi(how)
     add_mask(how)
@@ -93,9 +94,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_max_displacement(how)
     until = parser.add_argument_group("how long, and how patient")
     until.add_argument(
-        "--frames", "--stop", type=frame_count, metavar="N", help="end after N lines, one for each frame after the first"
+        "--frames",
+        "--stop",
+        type=frame_count,
+        metavar="N",
+        help="end after N lines, one for each frame after the first",
     )
-    until.add_argument("--seconds", type=float, metavar="S", help="end after S seconds")
+    until.add_argument("--seconds", type=above_zero, metavar="S", help="end after S seconds")
     until.add_argument("--real-time", action="store_true", help="play a video at its own pace, as a camera would")
     add_rate(until)
     until.add_argument(
