@@ -50,6 +50,27 @@ def test_it_is_read_at_every_width_without_an_error_or_a_network(
         assert (seen.errors, seen.requests) == ([], [])
 
 
+@pytest.mark.parametrize("width", [390, 768, 1280])
+def test_what_was_not_measured_is_read_whole(browser: Any, tmp_path: Path, width: int) -> None:
+    """No column is cut, nor has to be moved to be seen: of frames in many runs, too."""
+    made = film(60)
+    motion = made.series["motion"]
+    words = motion.words("status")
+    words[5:40:3] = ["no_match"] * len(words[5:40:3])
+    words[45:48] = ["not_converged"] * 3
+    with watched_page(browser, width=width) as seen:
+        seen.page.goto(address(written(made, tmp_path)))
+        table = seen.page.locator("table.stacks")
+        inside, wide = table.locator("xpath=..").evaluate("(box) => [box.clientWidth, box.scrollWidth]")
+        assert wide <= inside
+        assert "no_match" in table.inner_text()
+        assert layout_faults(seen.page) == []
+        # Each cell has its header: above it, or beside it where the page is narrow.
+        assert seen.page.locator("table.stacks th").first.is_visible() == (width > 620)
+        label = table.locator("td").nth(2).evaluate("(cell) => getComputedStyle(cell, '::before').content")
+        assert label == ('"outcome"' if width < 620 else "none")
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_it_has_contrast_and_names_in_light_and_dark(browser: Any, done: rsflow.Extraction, scheme: str) -> None:
     with watched_page(browser, color_scheme=scheme) as seen:

@@ -84,6 +84,9 @@ class Table:
         Columns that name files beside the page.
     marks : sequence of (colour, drawing, name), optional
         For each row: what stands before it, and of which thing it is.
+    stacks : bool
+        Whether its cells stand below each other, each with its header, where the page is narrow: of words, which would
+        be cut there. Without it the table is moved sideways.
     """
 
     title: str
@@ -93,6 +96,7 @@ class Table:
     numbers: frozenset[int] = frozenset()
     links: frozenset[int] = frozenset()
     marks: Sequence[tuple[str, str, str]] = ()
+    stacks: bool = False
 
     def html(self) -> str:
         """Give its HTML."""
@@ -102,15 +106,18 @@ class Table:
         name = escape(self.title or "table", quote=True)
         return (
             f'{_heading(self.title, self.caption)}<div class="scroll" tabindex="0" role="region" aria-label="{name}">'
-            f"<table><thead><tr>{before}{header}</tr></thead><tbody>{body}</tbody></table></div>"
+            f"<table{' class=stacks' if self.stacks else ''}><thead><tr>{before}{header}</tr></thead><tbody>{body}</tbody></table></div>"
         )
 
     def _kind(self, index: int) -> str:
         return ' class="n"' if index in self.numbers else ""
 
+    def _label(self, index: int) -> str:
+        return f' data-label="{escape(self.header[index], quote=True)}"' if self.stacks else ""
+
     def _row(self, number: int) -> str:
         cells = "".join(
-            f"<td{self._kind(index)}>{_link(text) if index in self.links else escape(text)}</td>"
+            f"<td{self._kind(index)}{self._label(index)}>{_link(text) if index in self.links else escape(text)}</td>"
             for index, text in enumerate(self.rows[number])
         )
         if not self.marks:

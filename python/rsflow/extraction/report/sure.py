@@ -42,7 +42,8 @@ def validity(material: Material) -> list[Part]:
     )
     if not lacking:
         said = f"Every pair of frames was measured. {said}"
-    parts: list[Part] = [Table(title, ("of", "frames", "outcome", "which", "status"), rows, said, frozenset({1}))]
+    header = ("of", "frames", "outcome", "which", "status")
+    parts: list[Part] = [Table(title, header, rows, said, frozenset({1}), stacks=True)]
     if material.settings.height_m is None:
         parts.append(
             Text(
