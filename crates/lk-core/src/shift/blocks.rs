@@ -10,6 +10,10 @@ use super::sums::Tiling;
 use crate::error::Result;
 use crate::memory::replace;
 
+/// Where a part leaves this many times the variance of another, something moves in it on its own: as one block they would
+/// be weighed alike.
+const UNLIKE: f64 = 4.0;
+
 /// Merges blocks of tiles as long as one model of the light fits them.
 pub(super) struct Merger<'a> {
     pub(super) grams: &'a [(Gram, Option<Block>)],
@@ -26,6 +30,8 @@ pub(super) struct Merger<'a> {
     pub(super) tried: usize,
     /// Whether a block that was cut stays cut.
     pub(super) hold: bool,
+    /// Whether only what leaves alike is merged, as blocks that are weighed by what they leave have to be.
+    pub(super) alike: bool,
 }
 
 impl Merger<'_> {
@@ -65,6 +71,7 @@ impl Merger<'_> {
             gram.add(&part.moved([at[0] - middle[0], at[1] - middle[1]]));
         }
         if (!self.hold || self.merged[number])
+            && (!self.alike || self.leave_alike(&self.blocks[before..]))
             && let Some(merged) = gram.reduce(self.light)
             && self.fits(&merged, &self.blocks[before..])
         {
@@ -75,6 +82,15 @@ impl Merger<'_> {
             self.merged[number] = false;
         }
         (gram, middle)
+    }
+
+    /// Whether what the blocks leave is about the same.
+    fn leave_alike(&self, cut: &[Block]) -> bool {
+        let variances = cut.iter().map(|block| block.variance().max(self.floor));
+        let (low, high) = variances.fold((f64::INFINITY, 0.0), |(low, high), variance| {
+            (variance.min(low), variance.max(high))
+        });
+        high <= UNLIKE * low
     }
 
     /// Whether one model explains the block as well as a model for each of its parts.

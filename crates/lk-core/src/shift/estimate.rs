@@ -3,6 +3,7 @@
 //! `docs/explanation/algorithms.md`, section "Displacement of a window: estimate_shift".
 
 use super::deformed::off_by_deforming;
+use super::evaluate::{evaluate, step_in_one_light};
 use super::gauss_newton::{COMMON_STRUCTURE, Found, Guess, Problem};
 use super::judge::{
     AMBIGUITY_RATIO, CONTRADICTION, EDGE_INFORMATION, EXPLAINED, beyond, judge, measured,
@@ -12,7 +13,7 @@ use super::model::LightScope;
 use super::options::{ShiftDeformation, ShiftOptions};
 use super::result::{Shift, ShiftStatus};
 use super::start::{Starts, best_start, repeats_along};
-use super::view::GainField;
+use super::view::{Evaluation, GainField};
 use super::workspace::Workspace;
 use crate::error::Result;
 
@@ -247,6 +248,9 @@ impl Problem<'_> {
                 self.settled(window)
             };
         };
+        if self.agrees_without_things(&window, &tiles)? {
+            return Ok(Ok(tiles));
+        }
         // One of them is wrong. Where one light explains next to everything it is the tiles, whose light took motion for
         // itself; how far they are apart says how far either may be off.
         let chosen = if window.solution.correlation > EXPLAINED {
@@ -258,6 +262,27 @@ impl Problem<'_> {
             systematic: apart.map(|a| apart.map(|b| a * b / 4.0)),
             ..found
         }))
+    }
+
+    /// Whether one light for the window leads to where the tiles do once those that move on their own are left out: these
+    /// drew it away, not the light.
+    fn agrees_without_things(&mut self, window: &Found, tiles: &Found) -> Result<bool> {
+        let params = Evaluation {
+            displacement: tiles.displacement,
+            whole: tiles.displacement.map(f64::round),
+            common_structure: true,
+            ..self.evaluation(0, window.gain)
+        };
+        let pair = self.inputs.pair(0);
+        let execution = &self.options.execution;
+        if evaluate(pair, params, self.workspace, execution)?.is_none() {
+            return Ok(false);
+        }
+        let Some(apart) = step_in_one_light(pair, params, self.workspace) else {
+            return Ok(false);
+        };
+        let own = inverse(tiles.solution.covariance);
+        Ok(own.is_some_and(|own| quadratic(own, apart) <= CONTRADICTION))
     }
 
     /// What was found with one light for the window, settled.

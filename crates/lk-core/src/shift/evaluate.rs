@@ -155,6 +155,18 @@ pub(super) fn is_one_light(
     solver.is_one_light(tiling, view.model(params))
 }
 
+/// How far one light for the window leads from the last evaluation without what moves on its own; `None` where that may be
+/// what moves as a whole.
+pub(super) fn step_in_one_light(
+    pair: Pair<'_>,
+    params: Evaluation,
+    workspace: &Workspace,
+) -> Option<[f64; 2]> {
+    let view = View::new(pair, params)?;
+    let Workspace { tiling, solver, .. } = workspace;
+    solver.step_in_one_light(tiling, &view.model(params))
+}
+
 /// How the gain varies linearly over a window in one light, as the last evaluation saw it; `None` if it does not.
 pub(super) fn gain_ramp(
     pair: Pair<'_>,

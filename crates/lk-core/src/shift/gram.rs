@@ -240,11 +240,14 @@ impl Gram {
     }
 }
 
+/// A block that leaves this many times the typical variance shows the border of a shadow or a motion of its own.
+pub(super) const OUTLYING: f64 = 4.0;
+
 /// The weight of a block by its residual variance. One that fits better than typical counts for at most twice as much:
 /// a flat one fits well and tells nothing. One that fits far worse shows the border of a shadow or a motion of its own
 /// and counts for less than its variance says.
 pub(super) fn weight_of(variance: f64, typical: f64) -> f64 {
     let floored = variance.max(0.5 * typical).max(1e-12);
-    let outlying = (4.0 * typical.max(1e-12) / floored).min(1.0);
+    let outlying = (OUTLYING * typical.max(1e-12) / floored).min(1.0);
     outlying / floored
 }

@@ -7,14 +7,18 @@ use super::block_sums::{BlockSums, overall_light, sandwich};
 use super::blocks::{Merger, Ranked, quantile, sort_by_variance};
 use super::filters::NoiseGain;
 use super::gain::{MAX_GAIN, Sample, gain_field, gain_ramp, ramp_features};
-use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light, weight_of};
-use super::matrix::eigenvalues;
+use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light, OUTLYING, weight_of};
+use super::matrix::{eigenvalues, inverse};
 use super::model::{LightScope, Model};
 use super::robust_covariance::{Pull, covariance_inflation};
 use super::solution::{PIXELS_PER_SAMPLE, Solution};
 use super::sums::{Tile, Tiling};
 use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
+
+/// Tiles that move on their own are left out as long as they hold no more than this share of the pixels and of the squared
+/// gradients.
+const MOST_OUTLYING: f64 = 0.4;
 
 /// Sums and blocks, kept from evaluation to evaluation.
 #[derive(Debug, Default)]
@@ -28,6 +32,8 @@ pub(super) struct Solver {
     order: Vec<Ranked>,
     /// Which of the blocks that were tried are one, in the order in which they are tried.
     merged: Vec<bool>,
+    /// The residual variance that the weights of the last solution are relative to.
+    typical: f64,
     /// The gains of the tiles.
     samples: Vec<Sample>,
 }
@@ -52,13 +58,14 @@ impl Solver {
         let whole = if scope == LightScope::Window {
             self.one_block(tiling, light)
         } else {
-            self.merge(tiling, light, noise, floor, scope == LightScope::HeldTiles)?
+            self.merge(tiling, &model, scope == LightScope::HeldTiles, true)?
         };
         if self.blocks.is_empty() {
             return Ok(None);
         }
         sort_by_variance(&self.blocks, noise, floor, &mut self.order)?;
         let typical = self.typical_variance(&model);
+        self.typical = typical;
         let gradients = whole.0.of(F_GX, F_GX) + whole.0.of(F_GY, F_GY);
         let pixels = whole.0.of(F_ONE, F_ONE);
         let damping = self.damping(gradients, laplacian, pixels, noise);
@@ -189,10 +196,9 @@ impl Solver {
     fn merge(
         &mut self,
         tiling: &Tiling,
-        light: Light,
-        noise: NoiseGain,
-        floor: f64,
+        model: &Model,
         hold: bool,
+        alike: bool,
     ) -> Result<(Gram, [f64; 2])> {
         self.blocks.clear();
         reserve("tiles", &mut self.blocks, self.grams.len())?;
@@ -202,13 +208,14 @@ impl Solver {
         let mut merger = Merger {
             grams: &self.grams,
             tiling,
-            light,
-            absorbed: 1.0 / noise.sampled,
-            floor,
+            light: model.light,
+            absorbed: 1.0 / model.noise.sampled,
+            floor: model.floor,
             blocks: &mut self.blocks,
             merged: &mut self.merged,
             tried: 0,
             hold,
+            alike,
         };
         Ok(merger.merge(0..tiling.across(), 0..tiling.down()))
     }
@@ -224,18 +231,9 @@ impl Solver {
     }
 
     /// Whether one model of the light holds for all of the window, as far as the tiles of the last evaluation tell.
-    pub(super) fn is_one_light(
-        &mut self,
-        tiling: &Tiling,
-        Model {
-            light,
-            noise,
-            floor,
-            ..
-        }: Model,
-    ) -> Result<bool> {
-        self.reduce_tiles(light);
-        self.merge(tiling, light, noise, floor, false)?;
+    pub(super) fn is_one_light(&mut self, tiling: &Tiling, model: Model) -> Result<bool> {
+        self.reduce_tiles(model.light);
+        self.merge(tiling, &model, false, false)?;
         Ok(self.blocks.len() == 1)
     }
 
@@ -265,6 +263,33 @@ impl Solver {
                     variance: weight * weight * variance,
                 }
             })
+    }
+
+    /// How far one light for the window leads from the last evaluation where the tiles that move on their own are left out;
+    /// `None` where these are so many that they may be what moves as a whole.
+    pub(super) fn step_in_one_light(&self, tiling: &Tiling, model: &Model) -> Option<[f64; 2]> {
+        let middle = tiling.center();
+        let mut kept = Gram::default();
+        let (mut pixels, mut gradients) = ([0.0; 2], [0.0; 2]);
+        for (index, (tile, block)) in self.grams.iter().enumerate() {
+            let stays = block
+                .as_ref()
+                .is_none_or(|block| block.variance().max(model.floor) <= OUTLYING * self.typical);
+            let energy = tile.of(F_GX, F_GX) + tile.of(F_GY, F_GY);
+            pixels[usize::from(stays)] += tile.of(F_ONE, F_ONE);
+            gradients[usize::from(stays)] += energy;
+            if stays {
+                kept.add(&tile.moved(tiling.from(index, middle)));
+            }
+        }
+        let few = |[gone, stays]: [f64; 2]| gone <= MOST_OUTLYING * (gone + stays);
+        if !few(pixels) || !few(gradients) {
+            return None;
+        }
+        let block = kept.reduce(model.light)?;
+        let inverse = inverse(block.gradient)?;
+        let [x, y] = block.difference;
+        Some([0, 1].map(|axis| -(inverse[axis][0] * x + inverse[axis][1] * y)))
     }
 
     /// How the gain varies linearly over the window, from the sums over the tiles as one system with the displacement;
