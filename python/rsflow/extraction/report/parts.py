@@ -104,9 +104,10 @@ class Table:
         before = "<th>path</th>" if self.marks else ""
         body = "".join(map(self._row, range(len(self.rows))))
         name = escape(self.title or "table", quote=True)
+        kind = ' class="stacks"' if self.stacks else ""
         return (
             f'{_heading(self.title, self.caption)}<div class="scroll" tabindex="0" role="region" aria-label="{name}">'
-            f"<table{' class=stacks' if self.stacks else ''}><thead><tr>{before}{header}</tr></thead><tbody>{body}</tbody></table></div>"
+            f"<table{kind}><thead><tr>{before}{header}</tr></thead><tbody>{body}</tbody></table></div>"
         )
 
     def _kind(self, index: int) -> str:
