@@ -49,6 +49,30 @@ def test_every_public_name_resolves():
         _ = rsflow.flows
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            "bench.measure",
+            "reproduce.report",
+            "segmentation.MotionSegmenter",
+            "tracking.TrackTable",
+            "velocity.Heights",
+        ),
+        *(
+            "camera.board",
+            "camera.calibration",
+            "camera.capture",
+            "camera.formats.convert_camera",
+            "camera.load_camera",
+        ),
+        *("interop.flow_sensor", "interop.mavlink", "interop.opencv.calcOpticalFlowPyrLK", "interop.ros"),
+    ],
+)
+def test_what_is_written_as_an_attribute_is_one_whatever_was_imported_before(name: str) -> None:
+    run_python(f"import rsflow; rsflow.{name}")
+
+
 def test_build_info_names_the_instructions():
     info = rsflow.build_info()
     assert info["version"] == rsflow.__version__

@@ -42,6 +42,35 @@ def test_pictures_are_spread_evenly_and_few(
     assert len(found) == kept
 
 
+@pytest.mark.parametrize(
+    ("frames", "made", "kept"),
+    [(1, 1, 1), (48, 48, 48), (49, 25, 25), (90, 45, 45), (300, 38, 38), (384, 48, 48), (1000, 80, 32)],
+)
+def test_where_the_length_is_known_hardly_a_picture_is_made_to_be_given_up(
+    seen: rsflow.MotionSegmentation, monkeypatch: pytest.MonkeyPatch, frames: int, made: int, kept: int
+) -> None:
+    done = []
+    monkeypatch.setattr(slides, "_outlined", lambda arrowed, seen: done.append(0) or arrowed)
+    out = Slides(frames)
+    for number in range(frames):
+        if out.next():
+            out.add(np.zeros((6, 8, 3), np.uint8), seen, number, number / 30)
+    assert (len(done), len(out.kept())) == (made, kept)
+    unknown = gathered(seen, frames, np.zeros((6, 8, 3), np.uint8)).kept()
+    assert [slide.frame for slide in out.kept()] == [slide.frame for slide in unknown]
+
+
+def test_a_run_of_a_million_frames_that_is_ended_early_has_pictures(
+    seen: rsflow.MotionSegmentation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(slides, "_outlined", lambda arrowed, seen: arrowed)
+    out = Slides(10**6)
+    for number in range(100):
+        if out.next():
+            out.add(np.zeros((6, 8, 3), np.uint8), seen, number, number / 30)
+    assert len(out.kept()) == 13
+
+
 def test_pictures_stay_within_their_bytes(seen: rsflow.MotionSegmentation, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(slides, "BUDGET_BYTES", 60_000)
     noise = np.random.default_rng(1).integers(0, 256, (*seen.moving.shape, 3), np.uint8)

@@ -113,6 +113,7 @@ _LAZY: dict[str, str] = {
 # Submodules that are reached as attributes of the package.
 _SUBMODULES = (
     "batch",
+    "bench",
     "calibration",
     "camera",
     "capture",
@@ -124,8 +125,12 @@ _SUBMODULES = (
     "live",
     "objects",
     "plotting",
+    "reproduce",
     "scale",
+    "segmentation",
     "synthetic",
+    "tracking",
+    "velocity",
     "video",
 )
 

@@ -50,9 +50,11 @@ class Pictures:
         Of the arrows, for all frames.
     rate : float
         Frames a second.
+    frames : int, optional
+        How many are expected.
     """
 
-    def __init__(self, style: QuiverStyle, rate: float) -> None:
+    def __init__(self, style: QuiverStyle, rate: float, frames: int | None = None) -> None:
         self.style = style
         self._scene = StaticScene(look_ahead=frames_ahead(rate))
         # Number and time of the frames whose static picture is not complete.
@@ -60,7 +62,8 @@ class Pictures:
         self._before: Frame | None = None
         self._seen_before: MotionSegmentation | None = None
         # The pictures that are kept for the report's slider.
-        self.slides = Slides()
+        # The last frame has no arrows, and no picture there.
+        self.slides = Slides(None if frames is None else frames - 1)
 
     def draw(self, measured: Measured, *, wanted: bool) -> list[Drawn]:
         """Take a frame; give the pictures that are complete, of this frame or earlier ones, none if it is not `wanted`.

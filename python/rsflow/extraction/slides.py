@@ -22,6 +22,8 @@ __all__ = ["BUDGET_BYTES", "LONGEST", "MOST", "Slide", "Slides", "when"]
 # At most so many pictures, of so many bytes together, each of so many pixels on its longer side.
 MOST, BUDGET_BYTES, LONGEST = 48, 2_000_000, 560
 _QUALITY = 72
+# Where the length is known the first stride is for it, up to this: a run that is ended early has pictures too.
+_WIDEST_FIRST = 8
 # Light that is left of what a mask leaves out.
 _LEFT_OUT = 0.4
 
@@ -39,12 +41,16 @@ class Slide:
 class Slides:
     """Keep every first, second, fourth ... picture: where there are too many, every other one is given up.
 
-    The run need not be known to its end for that.
+    The run need not be known to its end for that; where it is, to have as many as `expected` frames with a picture,
+    none is made only to be given up.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, expected: int | None = None) -> None:
         self._kept: list[Slide] = []
+        # A power of two, as it stays: parts of a run are joined by it.
         self._stride = 1
+        while expected is not None and self._stride < _WIDEST_FIRST and expected > MOST * self._stride:
+            self._stride *= 2
         self._seen = 0
 
     def next(self) -> bool:

@@ -165,7 +165,7 @@ class Views:
     def __init__(self, folder: Path, place: Path, stream: Any, *, style: Any, stride: int, videos: bool) -> None:
         rate = (stream.frame_rate or _DEFAULT_RATE * stride) / stride
         self.style = style
-        self._pictures = Pictures(style, rate)
+        self._pictures = Pictures(style, rate, stream.count)
         self.clips: dict[str, Clip] = {}
         self._encoders: dict[str, BackgroundWorker[tuple[NDArray[np.uint8], float]]] = {}
         if videos:
