@@ -55,8 +55,9 @@ def test_batch_over_processes_survives_a_bad_source(clips, tmp_path, capsys):
     assert main(["batch", *arguments, "-o", str(tmp_path), "--jobs", "2", "--rate", "30", "--no-videos"]) == 1
     out, err = capsys.readouterr()
     lines = out.splitlines()
-    assert len(lines) == 4
-    assert [line.split()[1] for line in lines[1:]] == ["done", "failed", "done"]
+    assert len(lines) == 5
+    assert [line.split()[1] for line in lines[1:4]] == ["done", "failed", "done"]
+    assert lines[4] == f"look at {tmp_path}/index.html"
     assert "none.mp4" in err
     assert {"motion.csv", "report.html"} <= names_in(tmp_path / "a") & names_in(tmp_path / "b")
     assert not (tmp_path / "none").exists()
@@ -180,7 +181,7 @@ def test_a_signal_ends_a_batch_soon_and_keeps_what_is_finished(clips, tmp_path, 
         kept = names_in(out_folder / name)
         assert "motion.partial.csv" in kept
         assert all(".partial." in file and not file.startswith(".") for file in kept), kept
-    assert names_in(out_folder) == {"a", "long", "source"}
+    assert names_in(out_folder) == {"a", "long", "source", "index.html"}
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="finds the worker in /proc")
@@ -204,7 +205,7 @@ def test_a_worker_that_is_killed_fails_its_own_source_alone(clips, tmp_path, lon
     assert status == {"long": "failed", "a": "done", "none": "failed", "b": "done"}
     assert "the worker ended" in next(item.error for item in items if item.folder.name == "long")
     # Where the killed one got as far as a checkpoint, that is kept.
-    assert names_in(tmp_path / "out") - {"long"} == {"a", "b"}
+    assert names_in(tmp_path / "out") - {"long"} == {"a", "b", "index.html"}
     assert all((run / "checkpoint.npz").exists() for run in (tmp_path / "out").glob("long/.*"))
 
 

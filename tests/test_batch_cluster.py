@@ -102,4 +102,4 @@ def test_a_scheduler_that_is_not_there_is_told(tmp_path, monkeypatch, capsys):
     assert "expected the address of a Dask scheduler" in capsys.readouterr().err
     # Dask would wait for a file that is not there.
     assert main(["batch", "a.mp4", "-o", str(tmp_path / "out"), "--scheduler", "nobody"]) == 1
-    assert "scheduler: got nobody, expected an address, as tcp://host:8786, or" in capsys.readouterr().err
+    assert "--scheduler: got 'nobody', expected an address, as tcp://host:8786, or" in capsys.readouterr().err

@@ -130,7 +130,8 @@ def folder_names(sources: Sequence[str | int | os.PathLike[str]]) -> list[str]:
     >>> folder_names(["a/clip.mp4", "b/clip.mp4", 0])
     ['clip', 'clip-2', 'camera-0']
     """
-    taken: set[str] = set()
+    # The overview of all stands beside the folders.
+    taken = {"index.html"}
     names: list[str] = []
     for source in given(sources):
         if isinstance(source, int):

@@ -57,7 +57,8 @@ def extract_many(
     sources : iterable of str, path or int
         Sources as for `rsflow.extract`, and URLs of storage that fsspec knows (``s3://bucket/clip.mp4``).
     out : path or URL
-        Each source gets a folder of its own in this one, named after it (see `folder_names`).
+        Each source gets a folder of its own in this one, named after it (see `folder_names`). Beside them is
+        ``index.html``, a page of the whole: what was not done first, headline figures, links to the reports.
     jobs : int, optional
         Processes; by default one for every processor that this process may use (those it is bound to, within the quota
         of its container), at most one a source or part. Each uses its share of the processors.
@@ -153,7 +154,7 @@ def extract_many(
         f"{str(out).rstrip('/')}/{name}" if remote.is_remote(out) else str(Path(out) / name)
         for name in folder_names(listed)
     ]
-    _expect_apart(listed, folders, settings)
+    _expect_apart(listed, out, folders, settings)
     assignment = Assignment("", "", options, None, part_frames, overlap, parquet)
     courses = [
         Course(replace(assignment, source=source, folder=folder), retries)
@@ -163,7 +164,7 @@ def extract_many(
     if executor is not None:
         for course in courses:
             course.assignment = course.assignment.elsewhere()
-        return _collected(executor, courses, on_done, on_progress, at_once or (lambda: usual))
+        return _collected(executor, courses, out, on_done, on_progress, at_once or (lambda: usual))
     available = processors()
     workers = min(jobs or available, len(listed) if part_frames is None else jobs or available)
     share = max(1, available // workers)
@@ -174,18 +175,22 @@ def extract_many(
     wish = StopWish(context)
     with Workers(context, wish.watch) as pool:
         try:
-            return _collected(pool, courses, on_done, on_progress, lambda: workers, wish=wish)
+            return _collected(pool, courses, out, on_done, on_progress, lambda: workers, wish=wish)
         except BaseException:
             # `on_done` raised: the pool is left as soon as its jobs have ended.
             wish.ask()
             raise
 
 
-def _expect_apart(sources: Sequence[str | int], folders: Sequence[str], settings: ExtractSettings) -> None:
+def _expect_apart(
+    sources: Sequence[str | int], out: str | os.PathLike[str], folders: Sequence[str], settings: ExtractSettings
+) -> None:
     """Raise OptionError where a result would be written over a source, or two results into one folder."""
     from .._results.inputs import Inputs
     from ..extraction.claim import input_files, written_names
+    from .overview import expect_place
 
+    expect_place(out)
     taken: dict[str, str] = {}
     for folder in folders:
         real = folder if remote.is_remote(folder) else os.path.realpath(folder)
@@ -206,6 +211,7 @@ def _expect_apart(sources: Sequence[str | int], folders: Sequence[str], settings
 def _collected(
     executor: Executor,
     courses: Sequence[Course],
+    out: str | os.PathLike[str],
     on_done: Callable[[BatchItem], None] | None,
     on_progress: Callable[[float, int], None] | None,
     at_once: Callable[[], int],
@@ -219,6 +225,7 @@ def _collected(
     second time is a KeyboardInterrupt.
     """
     from ..extraction.stopping import StopRequest
+    from .overview import write_overview
 
     waiting, active = deque(courses), list[Course]()
     running: dict[Future[Any], tuple[Course, Step]] = {}
@@ -255,7 +262,9 @@ def _collected(
             if finished and on_progress is not None:
                 on_progress(done + sum(course.share for course in active), len(courses))
     # Steps of a source that has failed may still run: they are not waited for.
-    return [course.item for course in courses if course.item is not None]
+    items = [course.item for course in courses if course.item is not None]
+    write_overview(items, out)
+    return items
 
 
 def _hand_out(

@@ -14,7 +14,7 @@ from rsflow.cli.extract import add_options, options
 DESCRIPTION = """\
 Extract from many sources at once, each into a folder of its own in OUT: on the processors of this machine, or on a Dask
 cluster that is there (--scheduler). A source that fails does not stop the others; a table at the end says what became
-of each.
+of each, and OUT/index.html: what was not done and why, headline figures, links to the reports.
 
 SOURCE is a video, a pattern, a folder of pictures, a folder with videos in it and below, a URL of storage that fsspec
 knows (s3://, gs://, ...; so may be OUT), a camera's number or a URL.
@@ -116,6 +116,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([{**dataclasses.asdict(item), "folder": str(item.folder)} for item in items], indent=2))
     else:
         _table(items)
+        print(f"look at {str(args.output).rstrip('/')}/index.html")
     if args.quiet:
         for item in items:
             if item.error:

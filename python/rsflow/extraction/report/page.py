@@ -35,6 +35,8 @@ class Report:
     problems: Sequence[str] = ()
     notes: Sequence[str] = ()
     sections: Sequence[Section] = ()
+    #: What it means not to be complete.
+    ended_early: str = "the run ended early"
 
     def bare(self) -> Report:
         """Give it without what takes most room: the videos and the pictures."""
@@ -51,7 +53,7 @@ def page(report: Report) -> str:
     style, script = ((here / name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
     state = '<span class="badge complete">complete</span>'
     if not report.complete:
-        state = '<span class="badge partial">partial: the run ended early</span>'
+        state = f'<span class="badge partial">partial: {escape(report.ended_early)}</span>'
     shown = [section for section in report.sections if section.parts]
     names = {section.name for section in shown}
     parts = [
