@@ -77,7 +77,7 @@ def test_folders_and_parts_on_processes(clip, whole, tmp_path, capsys):
     assert "1 file is no video and left out: notes.txt" in err
     assert "broken.mp4: failed" in err
     assert [line.split()[1] for line in out.splitlines()[1:-1]] == ["done", "failed", "done"]
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"a", "a-2"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"a", "a-2", "index.html"}
     for name in ("a", "a-2"):
         same(tmp_path / "out" / name, whole)
         assert not (tmp_path / "out" / name / PARTS).exists()

@@ -55,7 +55,7 @@ def test_the_command_prints_json_and_takes_many_names(folder, capsys):
         (["--board", "8", "--square", "0.025"], 2, "got '8', expected columns and rows"),
         (["--board", "8x6", "--square", "-1"], 2, "got '-1', expected a length in metres above 0"),
         (["--board", "8x6"], 2, "--square"),
-        (["--board", "8x6", "--square", "0.025", "--max-views", "1"], 1, "max_views: got 1"),
+        (["--board", "8x6", "--square", "0.025", "--max-views", "1"], 1, "--max-views: got 1"),
     ],
 )
 def test_the_command_says_in_one_line_what_is_wrong(tmp_path, capsys, arguments, code, message):
