@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -31,6 +32,7 @@ class Workers(Executor):
 
     def __init__(self, context: BaseContext, initializer: Callable[[], None]) -> None:
         self._context, self._initializer = context, initializer
+        _track_quietly()
         self._pools: list[ProcessPoolExecutor] = []
         self._idle: collections.deque[ProcessPoolExecutor] = collections.deque()
 
@@ -60,6 +62,24 @@ class Workers(Executor):
         if wait:
             for pool in self._pools:
                 pool.shutdown()
+
+
+def _track_quietly() -> None:
+    """Begin the process of the standard library that removes what a killed process leaves, so that it is silent.
+
+    It would warn of the locks of the pools where this process is killed, though they are removed: nothing has leaked. It
+    takes the filters of warnings that this process was started with, and is one for all that begin later.
+    """
+    try:
+        from multiprocessing import resource_tracker
+    except ImportError:
+        return
+    ours = "ignore:resource_tracker:UserWarning"
+    sys.warnoptions.append(ours)
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.remove(ours)
 
 
 @contextlib.contextmanager
