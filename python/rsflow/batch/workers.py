@@ -67,8 +67,8 @@ class Workers(Executor):
 def _track_quietly() -> None:
     """Begin the process of the standard library that removes what a killed process leaves, so that it is silent.
 
-    It would warn of the locks of the pools where this process is killed, though they are removed: nothing has leaked. It
-    takes the filters of warnings that this process was started with, and is one for all that begin later.
+    It would warn of the locks of the pools where this process is killed, though they are removed: nothing has leaked.
+    It takes the filters of warnings that this process was started with, and is one for all that begin later.
     """
     try:
         from multiprocessing import resource_tracker
