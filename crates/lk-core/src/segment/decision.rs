@@ -7,19 +7,19 @@ use crate::memory::{replace, resize};
 use super::background::OLD;
 use super::change::{self, changed};
 use super::difference::Compared;
+use super::earlier::{Earlier, Now};
 use super::flutter::Going;
+use super::held::STOPPED;
 use super::judge::{Asked, MEMORY};
 use super::masks::{confirm, hide, join, keep_away, learned, without};
 use super::morphology::{Element, Size, dilate, erode};
 use super::outline::Outline;
-use super::placed::covered;
+use super::placed::{covered, nearest_mask};
 use super::runs::next;
 use super::segmenter::{GAP, Segmenter, State, Work};
 
 /// Frames in which a pixel showed the background and nothing moved, after which flow alone does not call it moving.
 const CONFIRMED: u8 = 8;
-/// A region that changes in less than this share of it has stopped.
-const STOPPED: f64 = 0.02;
 /// A thing's edge is where it covers this share of a pixel.
 const COVERED: f32 = 0.5;
 
@@ -48,6 +48,7 @@ impl Segmenter {
         };
         changed(&of, &mut self.work.changed, execution)?;
         self.find_flutter(size, execution)?;
+        self.add_slow(size, execution)?;
         // What moved before anything was seen behind it hides what is not known.
         let State {
             background,
@@ -73,6 +74,9 @@ impl Segmenter {
             let (from, to) = (&self.work.by_flow, &mut self.work.mask);
             dilate(from, size, Element::Square(3), to, execution)?;
             self.state.shaded.fill(0);
+            self.state.lived.fill(0);
+            self.work.held.clear();
+            resize("masks", &mut self.work.held, pixels, 0)?;
         } else {
             self.compare(execution)?;
         }
@@ -127,6 +131,46 @@ impl Segmenter {
         Ok(())
     }
 
+    /// See what moves slowly: the background may have taken it for itself before that was known.
+    pub(super) fn add_slow(&mut self, size: Size, execution: &Execution) -> Result<()> {
+        if !self.work.slow.any || self.has_depth() {
+            return Ok(());
+        }
+        let (small, map, factor) = (self.reduced_size(), self.to_reduced(), self.factor());
+        let (state, work) = (&mut self.state, &mut self.work);
+        let now = Now {
+            size,
+            picture: &work.raw,
+            to_canvas: &state.canvas.to_canvas,
+            age: Earlier::age(state.frames),
+            noise: state.noise,
+            factor: factor as f64,
+        };
+        state
+            .earlier
+            .confirm(&state.slow, &now, small, &mut work.slow)?;
+        if !work.slow.any {
+            return Ok(());
+        }
+        let Work {
+            slow,
+            by_slow,
+            by_flow,
+            hides,
+            ..
+        } = work;
+        resize("masks", by_slow, size.0 * size.1, 0)?;
+        nearest_mask((&slow.moving, small), &map, (by_slow, size), execution)?;
+        for (at, slow) in by_slow.iter().enumerate() {
+            if slow & state.seen[at] & (1 - state.flutter.mask[at]) == 1 {
+                (by_flow[at], hides[at]) = (1, 1);
+                // What the background was taken for is not known behind it.
+                state.confirmed[at] *= state.foreground[at];
+            }
+        }
+        Ok(())
+    }
+
     pub(super) fn compare(&mut self, execution: &Execution) -> Result<()> {
         let size = self.state.canvas.size;
         let of = Compared {
@@ -141,13 +185,7 @@ impl Segmenter {
         std::mem::swap(&mut difference.shadows, &mut self.state.shadows);
         compared?;
         // A thing that stopped before anything was seen behind it stays one.
-        self.work.runs.label(&self.state.foreground, size)?;
-        self.work
-            .runs
-            .sum_bytes(&self.work.changed, &mut self.work.sums)?;
-        let (regions, sums) = (self.work.runs.regions(), &self.work.sums);
-        let stopped = |label: usize| sums[label] as f64 <= STOPPED * f64::from(regions[label].area);
-        self.work.runs.draw(stopped, &mut self.work.spare);
+        self.find_stopped(size)?;
         let Work {
             difference,
             by_flow,
@@ -181,6 +219,7 @@ impl Segmenter {
             spare,
             raw,
             away,
+            held,
             like,
             ..
         } = &mut self.work;
@@ -217,7 +256,7 @@ impl Segmenter {
                 }
                 if known[at] == 0 {
                     // Windows of the flow reach over a thing's edge.
-                    mask[at] = u8::from(depth);
+                    mask[at] = u8::from(depth) | held[at];
                     continue;
                 }
                 let mut most = 0.0f32;
@@ -238,6 +277,7 @@ impl Segmenter {
         let outline = Outline {
             size,
             known,
+            held,
             seen: &self.state.seen,
             picture: raw,
             noise: self.state.noise,
@@ -268,6 +308,7 @@ impl Segmenter {
         keep_away(&state.flutter.mask, &state.shaded, age, &mut work.away);
         let masks = [&state.seen[..], &work.away[..], &work.judge.gone[..]];
         state.background.learn(&work.raw, masks, execution)?;
+        state.earlier.keep(&work.raw, &state.seen, state.frames);
         std::mem::swap(&mut state.picture, &mut work.raw);
         Ok(())
     }

@@ -288,6 +288,13 @@ impl Segmenter {
         };
         self.work.evidence.update(&frames, execution)?;
         self.state.spread = self.work.evidence.spread;
+        let mut slow = std::mem::take(&mut self.work.slow);
+        let found = self
+            .state
+            .slow
+            .update(&mut self.work.evidence, &frames, &mut slow, execution);
+        self.work.slow = slow;
+        found?;
         for value in &mut self.work.evidence.residual {
             *value *= factor as f32;
         }

@@ -118,6 +118,7 @@ impl Segmenter {
     /// Keep the background in the light of this frame from now on.
     pub(super) fn take_over_light(&mut self, execution: &Execution) -> Result<()> {
         self.state.background.relight(&self.work.light, execution)?;
+        self.state.earlier.forget();
         let (picture, width) = (&mut self.state.picture, self.state.canvas.size.0);
         relit(&self.work.light, Way::To, picture, width, execution)?;
         self.state.light = [1.0, 0.0];

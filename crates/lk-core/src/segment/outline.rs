@@ -22,6 +22,8 @@ pub(super) struct Outline<'a> {
     pub(super) size: Size,
     /// 1 where the background is known: there it tells.
     pub(super) known: &'a [u8],
+    /// 1 where what moved stopped: its outline is that of before.
+    pub(super) held: &'a [u8],
     /// 1 where the picture is.
     pub(super) seen: &'a [u8],
     pub(super) picture: &'a [f32],
@@ -40,7 +42,7 @@ impl Outline<'_> {
                 while x < width {
                     let at = y * width + x;
                     let within = x >= REACH && x + REACH < width;
-                    if within && self.known[at] == 0 && self.is_like(mask, at) {
+                    if within && (self.known[at] | self.held[at]) == 0 && self.is_like(mask, at) {
                         reserve("an outline", like, 1)?;
                         like.push(at);
                     }
@@ -108,6 +110,7 @@ mod tests {
         let outline = Outline {
             size,
             known: &[known; 400],
+            held: &[0; 400],
             seen: &[1; 400],
             picture: &picture,
             noise: 1.0,

@@ -92,11 +92,18 @@ impl Segmenter {
             &mut state.heat,
             &mut state.shaded,
             &mut state.foreground,
+            &mut state.lived,
             &mut state.seen,
         ] {
             moved(mask, size, map, 0, execution)?;
         }
         state.flutter.moved(size, map, execution)?;
+        for plane in &mut state.earlier.pictures {
+            moved(plane, size, map, 0.0, execution)?;
+        }
+        for plane in &mut state.earlier.seen {
+            moved(plane, size, map, 0, execution)?;
+        }
         moved(&mut state.picture, size, map, 0.0, execution)
     }
 
@@ -151,7 +158,7 @@ impl Segmenter {
     }
 
     /// From pixels of the canvas to those that flow is judged on.
-    fn to_reduced(&self) -> Map {
+    pub(super) fn to_reduced(&self) -> Map {
         let factor = self.factor() as f64;
         let s = (1.0 / factor - 1.0) / 2.0;
         let down = [

@@ -13,6 +13,7 @@ use super::camera::{CameraModel, CameraMotion};
 use super::canvas::Canvas;
 use super::components::Runs;
 use super::difference::Difference;
+use super::earlier::Earlier;
 use super::flow_evidence::{FlowEvidence, MOST_PIXELS};
 use super::flutter::{Flutter, Going};
 use super::judge::Judge;
@@ -22,6 +23,7 @@ use super::parallax::Parallax;
 use super::reduction::Reduction;
 use super::regions::RegionWork;
 use super::shadows::Shadows;
+use super::slow::{Slow, SlowWork};
 use super::transform::{IDENTITY, Map};
 
 /// Gaps up to about this many pixels are closed.
@@ -102,8 +104,12 @@ pub(crate) struct State {
     /// What differs from the background and is explained by the shade of something.
     pub(crate) shaded: Vec<u8>,
     pub(crate) shadows: Shadows,
+    pub(crate) slow: Slow,
+    pub(crate) earlier: Earlier,
     /// What moved on the canvas, and the picture of it in the background's light, where it was seen.
     pub(crate) foreground: Vec<u8>,
+    /// In how many frames what moves has moved at each place, one after the other.
+    pub(crate) lived: Vec<u8>,
     pub(crate) picture: Vec<f32>,
     pub(crate) seen: Vec<u8>,
     /// The frame before, reduced, and what moved in it, as it was.
@@ -130,6 +136,9 @@ pub(super) struct Work {
     pub(super) kept: Vec<u8>,
     pub(super) vectors: Vec<MotionVector>,
     pub(super) evidence: FlowEvidence,
+    pub(super) slow: SlowWork,
+    /// What moves slowly, on the canvas.
+    pub(super) by_slow: Vec<u8>,
     pub(super) raw: Vec<f32>,
     pub(super) by_flow: Vec<u8>,
     /// How what moves goes on the canvas.
@@ -139,6 +148,10 @@ pub(super) struct Work {
     /// What begins to go to and fro.
     pub(super) begins: Vec<u8>,
     pub(super) away: Vec<u8>,
+    /// What stopped where nothing is known, and stays as it was.
+    pub(super) held: Vec<u8>,
+    /// Sums over regions of what lived.
+    pub(super) lives: Vec<u64>,
     /// Pixels of an outline that look like what is outside.
     pub(super) like: Vec<usize>,
     pub(super) still: Vec<u8>,
@@ -194,7 +207,10 @@ impl Segmenter {
                 flutter: Flutter::default(),
                 shaded: Vec::new(),
                 shadows: Shadows::default(),
+                slow: Slow::default(),
+                earlier: Earlier::default(),
                 foreground: Vec::new(),
+                lived: Vec::new(),
                 picture: Vec::new(),
                 seen: Vec::new(),
                 prev: Vec::new(),
@@ -243,14 +259,18 @@ impl Segmenter {
     /// Forget what was seen, but for the frame before.
     pub(super) fn forget(&mut self) -> Result<()> {
         self.work.lit = false;
+        let reduced = self.reduced_size();
         let state = &mut self.state;
+        state.slow.reset(reduced)?;
         let pixels = state.canvas.size.0 * state.canvas.size.1;
         state.background.reset(state.canvas.size)?;
+        state.earlier.reset(pixels)?;
         for mask in [
             &mut state.confirmed,
             &mut state.heat,
             &mut state.shaded,
             &mut state.foreground,
+            &mut state.lived,
             &mut state.seen,
         ] {
             mask.clear();

@@ -125,6 +125,12 @@ impl FlowEvidence {
     /// Squared length of the residual motion in deviations of its own covariance: that of a least-squares displacement and
     /// the camera's. Where the picture has no texture it is small.
     pub(super) fn chi_squared(&self, at: usize, frames: &Frames<'_>) -> f32 {
+        let motion = [self.residual[2 * at], self.residual[2 * at + 1]];
+        self.chi_squared_of(at, motion, frames)
+    }
+
+    /// The same of another motion there.
+    pub(super) fn chi_squared_of(&self, at: usize, [u, v]: [f32; 2], frames: &Frames<'_>) -> f32 {
         let count = (TENSORS.size * TENSORS.size) as f32;
         let noise = self.spread * self.spread / 2.0;
         // Noise in the gradients looks like texture: half differences have half the variance of a pixel.
@@ -140,7 +146,6 @@ impl FlowEvidence {
         let a = (xx * r - xy * q) / determinant;
         let b = (xy * p - xx * q) / determinant;
         let c = (yy * p - xy * q) / determinant;
-        let (u, v) = (self.residual[2 * at], self.residual[2 * at + 1]);
         (a * u * u + 2.0 * b * u * v + c * v * v).max(0.0)
     }
 

@@ -38,8 +38,11 @@ impl Segmenter {
             &state.heat,
             &state.shaded,
             &state.foreground,
+            &state.lived,
             &state.seen,
             &state.moving,
+            &state.earlier.seen[0],
+            &state.earlier.seen[1],
         ];
         let floats = [
             &background.median,
@@ -47,6 +50,11 @@ impl Segmenter {
             &state.picture,
             &state.prev,
             &state.shadows.seen,
+            &state.slow.along,
+            &state.slow.across,
+            &state.slow.length,
+            &state.earlier.pictures[0],
+            &state.earlier.pictures[1],
         ];
         let mut numbers: Vec<f64> = state.canvas.to_canvas.iter().flatten().copied().collect();
         numbers.extend(state.motion.iter().flatten());
@@ -89,6 +97,8 @@ impl Segmenter {
             state.prev.clear();
         }
         let [way, since, path, turns, flutters] = state.flutter.planes_mut();
+        let [older, newer] = &mut state.earlier.pictures;
+        let [older_seen, newer_seen] = &mut state.earlier.seen;
         let fits = split(
             &snapshot.bytes,
             [
@@ -98,8 +108,11 @@ impl Segmenter {
                 &mut state.heat,
                 &mut state.shaded,
                 &mut state.foreground,
+                &mut state.lived,
                 &mut state.seen,
                 &mut state.moving,
+                older_seen,
+                newer_seen,
                 way,
                 since,
                 path,
@@ -114,6 +127,11 @@ impl Segmenter {
                 &mut state.picture,
                 &mut state.prev,
                 &mut state.shadows.seen,
+                &mut state.slow.along,
+                &mut state.slow.across,
+                &mut state.slow.length,
+                older,
+                newer,
             ],
         ) && split(&snapshot.samples, [&mut background.samples])
             && snapshot.numbers.len() == NUMBERS;
