@@ -27,6 +27,9 @@ _STRAIGHT = 0.5
 _LEAST_CONTRAST = 6.0
 # What goes further than so many times its size in the first frames is not sure to be one thing.
 _SURE_SIZES = 1.5
+# What went so far, in pixels and as a share of its size, or its own size, is a thing wherever it turns then, if the
+# motion in it says so too: leaves swing by less.
+_PROVED_PX, _PROVED_SHARE = 8.0, 0.2
 # After so many frames a thing that never went its own size from where it began must have gone this share of its path.
 _PATIENCE = 25
 _NOWHERE = 0.6
@@ -75,7 +78,7 @@ def travelling(things: Followed) -> NDArray[np.bool_]:
     straight = far >= _STRAIGHT * things.steps
     young = things.age < _PATIENCE
     lasts = (things.reach >= extent) | np.where(young, straight, things.reach >= _NOWHERE * things.path)
-    things.proved |= near & (things.reach >= extent)
+    things.proved |= near & (things.reach >= np.minimum(extent, _PROVED_PX + _PROVED_SHARE * extent))
     lasts &= ~(told & ~agrees & (far >= np.maximum(_FAR_PX, _FAR_SHARE * extent)))
     out: NDArray[np.bool_] = (things.listed | starts) & (lasts | things.proved)
     return out
