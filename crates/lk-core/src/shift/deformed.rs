@@ -3,7 +3,7 @@
 use super::affine::Affine;
 use super::gauss_newton::{Found, Problem};
 use super::judge::{CONTRADICTION, MAX_SCATTER, beyond, is_light};
-use super::matrix::{inverse, quadratic};
+use super::matrix::{eigenvalues, inverse, quadratic};
 use super::result::{Shift, ShiftStatus};
 
 /// A window that may deform does not go further than this, in pixels, from where one that may not goes.
@@ -11,6 +11,8 @@ const ELSEWHERE: f64 = 0.5;
 /// A window deforms where a displacement that varies leaves less than this share of what one that does not leaves, as
 /// root mean square.
 const EXPLAINS_MORE: f64 = 0.9;
+/// Where its parts contradict each other by no more than this, in variance over noise, it is the motion of all of them.
+const CONSISTENT: f64 = 3.0;
 
 impl Problem<'_> {
     /// The displacement and its gradient, which a displacement without one led to.
@@ -74,6 +76,18 @@ pub(super) fn off_by_deforming(rigid: &Found, affine: &Affine) -> Option<[f64; 2
     let explains = affine.residual < EXPLAINS_MORE * rigid.solution.residual;
     (affine.steady && affine.matches() && explains)
         .then(|| [0, 1].map(|axis| affine.motion[axis] - rigid.displacement[axis]))
+}
+
+/// Whether a displacement that varies linearly over the window is what its parts contradict each other by: it explains more,
+/// leaves little contradiction, and tells the displacement of the centre far better.
+pub(super) fn accounts_for(rigid: &Found, affine: &Affine) -> bool {
+    let [_, doubt] = eigenvalues(rigid.covariance());
+    let largest = affine.covariance[0][0].max(affine.covariance[1][1]);
+    affine.steady
+        && affine.matches()
+        && affine.excess <= CONSISTENT
+        && affine.residual < EXPLAINS_MORE * rigid.solution.residual
+        && largest < doubt / 4.0
 }
 
 /// Whether a window that may deform went somewhere else than one that may not was measured to go.

@@ -2,7 +2,7 @@
 //!
 //! `docs/explanation/algorithms.md`, section "Displacement of a window: estimate_shift".
 
-use super::deformed::off_by_deforming;
+use super::deformed::{accounts_for, off_by_deforming};
 use super::evaluate::{evaluate, step_in_one_light};
 use super::gauss_newton::{COMMON_STRUCTURE, Found, Guess, Problem};
 use super::judge::{
@@ -75,17 +75,32 @@ impl Workspace {
                 return Ok(found.shift(inputs.normalization, limit));
             }
         }
+        if status == ShiftStatus::Valid {
+            best.add(best.solution.contradictions());
+            status = judge(&best, limit, ambiguous);
+        }
         let follows = matches!(
             status,
             ShiftStatus::Valid | ShiftStatus::NoMatch | ShiftStatus::NotConverged
         );
         let affine = if follows && options.deformation == ShiftDeformation::Affine {
             problem.affine(&best, from, usize::MAX)?
-        } else if status == ShiftStatus::Valid && may_deform(&best) {
+        } else if may_deform(&best, status) {
             problem.affine(&best, from, ENOUGH_CLUSTERS)?
         } else {
             None
         };
+        if options.deformation == ShiftDeformation::None
+            && !ambiguous
+            && let Some(affine) = affine
+            && accounts_for(&best, &affine)
+        {
+            let measured = status == ShiftStatus::Valid;
+            let shift = problem.deformed(&best, Some(affine), limit, measured);
+            if shift.status == ShiftStatus::Valid {
+                return Ok(shift.without_gradient());
+            }
+        }
         if status == ShiftStatus::Valid
             && let Some(affine) = &affine
             && let Some(apart) = off_by_deforming(&best, affine)
@@ -301,10 +316,15 @@ impl Problem<'_> {
     }
 }
 
-/// Whether the tiles contradict each other as those of a window that deforms do.
-fn may_deform(found: &Found) -> bool {
+/// Whether parts of the window contradict each other as those of one that deforms do.
+fn may_deform(found: &Found, status: ShiftStatus) -> bool {
     let [_, largest] = eigenvalues(found.covariance());
-    found.solution.excess > SCATTERS && largest > DOUBTFUL * DOUBTFUL
+    let follows = match status {
+        ShiftStatus::Valid => largest > DOUBTFUL * DOUBTFUL,
+        ShiftStatus::NoMatch => found.matches,
+        _ => false,
+    };
+    follows && found.solution.parts_excess > SCATTERS
 }
 
 /// How far apart the displacements with one light for the window and with one for each part of it are, if that is more

@@ -87,6 +87,24 @@ pub struct Shift {
 }
 
 impl Shift {
+    /// As a displacement alone, that of the window's centre.
+    pub(super) fn without_gradient(self) -> Self {
+        let covariance = self.covariance;
+        Self {
+            gradient: [[0.0; 2]; 2],
+            joint_covariance: std::array::from_fn(|i| {
+                std::array::from_fn(|j| {
+                    if i < 2 && j < 2 {
+                        covariance[i][j]
+                    } else {
+                        0.0
+                    }
+                })
+            }),
+            ..self
+        }
+    }
+
     /// A displacement that could not be measured.
     pub(super) fn invalid(status: ShiftStatus) -> Self {
         Self {

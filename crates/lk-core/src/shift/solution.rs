@@ -4,6 +4,17 @@ use super::matrix::{Matrix, quadratic};
 
 /// Pixels for an independent sample, at the least: what the filters make of white noise.
 pub(super) const PIXELS_PER_SAMPLE: f64 = 9.0;
+/// The variance along each axis where most of the window does not show what the other frame does: no measurement.
+const NOWHERE: f64 = 1.0;
+
+/// What most of the window says, where it leaves far more than what the displacement rests on.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Others {
+    /// How much further it would go.
+    pub(super) further: [f64; 2],
+    /// Whether it does not show at all what the other frame does.
+    pub(super) unmatched: bool,
+}
 
 /// What the tiles together say at one displacement.
 #[derive(Debug, Clone, Copy)]
@@ -14,6 +25,10 @@ pub(super) struct Solution {
     pub(super) covariance: [[f64; 2]; 2],
     /// By how much it is larger than noise explains: 1 unless the tiles contradict each other.
     pub(super) excess: f64,
+    /// The same where parts of the window contradict each other, as where it deforms: at least that.
+    pub(super) parts_excess: f64,
+    /// What most of the window says, where it leaves far more than what the displacement rests on.
+    pub(super) others: Others,
     /// What the gradients tell and noise does not explain, divided by what noise adds: eigenvalues, the smaller first.
     pub(super) information: [f64; 2],
     /// What the gradients tell and noise does not explain, and the same divided by the square of the noise's part in
@@ -42,6 +57,18 @@ pub(super) struct Solution {
 }
 
 impl Solution {
+    /// What parts of the window that contradict each other add to the covariance of the displacement.
+    pub(super) fn contradictions(&self) -> Matrix {
+        let more = self.parts_excess / self.excess - 1.0;
+        let Others { further, unmatched } = self.others;
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let nowhere = if unmatched && i == j { NOWHERE } else { 0.0 };
+                more * self.covariance[i][j] + further[i] * further[j] + nowhere
+            })
+        })
+    }
+
     /// The correction of the displacement if it may move along one direction only.
     pub(super) fn step_along(&self, direction: [f64; 2]) -> [f64; 2] {
         step_along(self.normal, direction)

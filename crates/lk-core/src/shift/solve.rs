@@ -10,8 +10,8 @@ use super::gain::{MAX_GAIN, Sample, gain_field, gain_ramp, ramp_features};
 use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light, OUTLYING, weight_of};
 use super::matrix::{eigenvalues, inverse};
 use super::model::{LightScope, Model};
-use super::robust_covariance::{Pull, covariance_inflation};
-use super::solution::{PIXELS_PER_SAMPLE, Solution};
+use super::robust_covariance::{Cell, Pull, covariance_inflation};
+use super::solution::{Others, PIXELS_PER_SAMPLE, Solution};
 use super::sums::{Tile, Tiling};
 use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
@@ -19,6 +19,10 @@ use crate::memory::{replace, reserve, resize};
 /// Tiles that move on their own are left out as long as they hold no more than this share of the pixels and of the squared
 /// gradients.
 const MOST_OUTLYING: f64 = 0.4;
+/// More than this share of the pixels is most of the window.
+const MOST: f64 = 0.55;
+/// A tile that leaves this share of its texture shows nothing of what the other frame does.
+const UNMATCHED: f64 = 0.3;
 
 /// Sums and blocks, kept from evaluation to evaluation.
 #[derive(Debug, Default)]
@@ -36,6 +40,8 @@ pub(super) struct Solver {
     typical: f64,
     /// The gains of the tiles.
     samples: Vec<Sample>,
+    /// How tiles pull at the displacement.
+    cells: Vec<Cell>,
 }
 
 impl Solver {
@@ -74,14 +80,22 @@ impl Solver {
         let step = sums.step();
         let clean = sums.without_noise();
         let share = damping / noise.sampled;
-        let excess = if scope == LightScope::Window {
+        let across = tiling.across();
+        let mut cells = std::mem::take(&mut self.cells);
+        let inflation = if scope == LightScope::Window {
             let pulls = self.window_pulls(tiling, light, whole, step, typical);
-            covariance_inflation(pulls, clean, share)
+            covariance_inflation(pulls, across, clean, share, &mut cells)?
         } else {
-            let tiles = self.grams.iter().filter_map(|(_, block)| block.as_ref());
-            let pulls = tiles.map(|block| Pull::of_block(block, step, typical, floor));
-            covariance_inflation(pulls, clean, share)
+            let pulls = self.grams.iter().map(|(_, block)| {
+                let block = block.as_ref();
+                block.map_or(Pull::NONE, |block| {
+                    Pull::of_block(block, step, typical, floor)
+                })
+            });
+            covariance_inflation(pulls, across, clean, share, &mut cells)?
         };
+        self.cells = cells;
+        let excess = inflation.tiles;
         // Each block spends some on its own light.
         let light_unknowns = self.blocks.len() as f64 * light.unknowns();
         let most = pixels / PIXELS_PER_SAMPLE;
@@ -94,6 +108,12 @@ impl Solver {
             step,
             covariance: sandwich(clean, sums.meat).map(|row| row.map(|value| excess * value)),
             excess,
+            parts_excess: inflation.parts,
+            others: if scope == LightScope::Window {
+                Others::default()
+            } else {
+                self.others(step, typical, floor)
+            },
             information_matrix: clean,
             meat: sums.meat,
             normal: (sums.gradient, sums.difference),
@@ -142,6 +162,36 @@ impl Solver {
         self.blocks.clear();
         reserve("tiles", &mut self.blocks, tiles.len())?;
         Ok(laplacian)
+    }
+
+    /// How much further the tiles would go that leave far more than what the displacement rests on, where they are most of
+    /// the window: which of two motions is that of the window cannot be told. Nothing where they are few.
+    fn others(&self, step: [f64; 2], typical: f64, floor: f64) -> Others {
+        let (mut gradient, mut difference) = ([[0.0; 2]; 2], [0.0; 2]);
+        let (mut outlying, mut unmatched, mut all) = (0.0, 0.0, 0.0);
+        for block in self.grams.iter().filter_map(|(_, block)| block.as_ref()) {
+            all += block.count;
+            if block.variance().max(floor) > OUTLYING * typical {
+                outlying += block.count;
+                if block.residual > UNMATCHED * block.texture {
+                    unmatched += block.count;
+                }
+                for i in 0..2 {
+                    difference[i] += block.difference[i];
+                    for j in 0..2 {
+                        gradient[i][j] += block.gradient[i][j];
+                        difference[i] += block.gradient[i][j] * step[j];
+                    }
+                }
+            }
+        }
+        let inverse = (outlying > MOST * all).then(|| inverse(gradient)).flatten();
+        Others {
+            further: inverse.map_or([0.0; 2], |inverse| {
+                inverse.map(|row| -(row[0] * difference[0] + row[1] * difference[1]))
+            }),
+            unmatched: unmatched > MOST * all,
+        }
     }
 
     /// The residual variance that weights are relative to.
@@ -245,7 +295,7 @@ impl Solver {
         (whole, middle): (Gram, [f64; 2]),
         step: [f64; 2],
         variance: f64,
-    ) -> impl Iterator<Item = Pull> {
+    ) -> impl ExactSizeIterator<Item = Pull> {
         let weight = weight_of(variance, variance);
         let projection = whole.projection(light);
         self.grams

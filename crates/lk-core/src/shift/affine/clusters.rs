@@ -7,6 +7,7 @@ use crate::error::Result;
 use crate::execution::Execution;
 use crate::memory::resize;
 use crate::parallel::{RowsMut, for_each_band};
+use crate::shift::robust_covariance::Cell;
 use crate::simd::dispatch;
 
 /// Products of two features, each pair once.
@@ -21,6 +22,16 @@ const BAND_PIXELS: usize = 4096;
 #[derive(Debug, Default)]
 pub(in crate::shift) struct Workspace {
     clusters: Vec<Sums>,
+    across: usize,
+    /// What the clusters pull.
+    cells: Vec<Cell>,
+}
+
+/// The sums over each cluster of the last evaluation, rows of `across`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Clusters<'a> {
+    pub(super) sums: &'a [Sums],
+    pub(super) across: usize,
 }
 
 /// Sums of products of all features, each once, row after row from the diagonal on.
@@ -33,9 +44,13 @@ pub(super) fn index(i: usize, j: usize) -> usize {
 }
 
 impl Workspace {
-    /// The sums over each cluster of the last evaluation.
-    pub(super) fn sums(&self) -> &[Sums] {
-        &self.clusters
+    /// The sums over each cluster of the last evaluation, and room for what they pull.
+    pub(super) fn last(&mut self) -> (Clusters<'_>, &mut Vec<Cell>) {
+        let clusters = Clusters {
+            sums: &self.clusters,
+            across: self.across,
+        };
+        (clusters, &mut self.cells)
     }
 
     /// Sums over clusters of the window at one motion: no sum reaches over two of them, so that threads change no bit.
@@ -51,6 +66,7 @@ impl Workspace {
         let across = columns.div_ceil(CLUSTER);
         let each = (across * rows.div_ceil(CLUSTER) / enough).max(1);
         let down = rows.div_ceil(CLUSTER * each);
+        self.across = across;
         self.clusters.clear();
         resize(
             "clusters",
@@ -169,15 +185,15 @@ mod tests {
                     let execution = Execution::default().level(level);
                     let mut workspace = Workspace::default();
                     workspace.sum(&view, usize::MAX, &execution).unwrap();
-                    assert_eq!(workspace.sums().len(), want.len());
-                    for (got, want) in workspace.sums().iter().zip(&want) {
+                    assert_eq!(workspace.clusters.len(), want.len());
+                    for (got, want) in workspace.clusters.iter().zip(&want) {
                         for (got, want) in got.iter().zip(want) {
                             let off = (got - want).abs();
                             assert!(off < 2e-5 * (1.0 + want.abs()), "{got}, not {want}");
                         }
                     }
-                    let first = bits.get_or_insert_with(|| workspace.sums().to_vec());
-                    assert_eq!(first, workspace.sums(), "{level:?}");
+                    let first = bits.get_or_insert_with(|| workspace.clusters.clone());
+                    assert_eq!(first, &workspace.clusters, "{level:?}");
                 }
             }
         }

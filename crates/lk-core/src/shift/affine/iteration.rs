@@ -51,7 +51,8 @@ impl Problem<'_> {
                 let light = Light::new(self.options.illumination);
                 let rounding = self.inputs.normalization.rounding / (scale * scale);
                 let damping = start.solution.damping;
-                let solved = solve(self.clusters.sums(), light, view.noise(), rounding, damping);
+                let (clusters, cells) = self.clusters.last();
+                let solved = solve(clusters, light, view.noise(), rounding, damping, cells)?;
                 let Some(mut solution) = solved else {
                     return Ok(None);
                 };

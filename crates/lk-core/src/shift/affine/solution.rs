@@ -20,6 +20,8 @@ pub(in crate::shift) struct Affine {
     /// Independent samples among the pixels.
     pub(in crate::shift) samples: f64,
     pub(in crate::shift) steady: bool,
+    /// By how much the covariance is larger than noise explains.
+    pub(in crate::shift) excess: f64,
     /// What a displacement that varies quadratically adds at the centre.
     pub(super) curvature: Option<Correction>,
 }

@@ -1,12 +1,15 @@
 //! One step of the motion: the light is eliminated, and the covariance holds what clusters say against each other.
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
-use super::clusters::{Form, Sums, index};
+use super::clusters::{Clusters, Form, Sums, index};
 use super::curvature::correction;
 use super::solution::Affine;
 use super::view::{DIFFERENCE, FEATURES, MEAN, MOTION, ONE, X, Y};
+use crate::error::Result;
+use crate::memory::replace;
 use crate::shift::filters::NoiseGain;
 use crate::shift::gram::{Light, agreement};
+use crate::shift::robust_covariance::{Cell, Inflation};
 use crate::shift::solution::PIXELS_PER_SAMPLE;
 
 /// A step below this settles, in pixels at the border of the window.
@@ -21,22 +24,25 @@ type Square = [[f64; MOTION]; MOTION];
 
 /// One step of the motion, in the unit of x and y, from the sums of all clusters.
 pub(super) fn solve(
-    clusters: &[Sums],
+    clusters: Clusters<'_>,
     light: Light,
     noise: NoiseGain,
     rounding: f64,
     damping: f64,
-) -> Option<Affine> {
-    let sums = Totals::of(clusters);
+    cells: &mut Vec<Cell>,
+) -> Result<Option<Affine>> {
+    let sums = Totals::of(clusters.sums);
     let count = sums.of_product(ONE, ONE);
     let reduced = Reduced::new(&sums, light);
     if reduced.degrees < MIN_DEGREES {
-        return None;
+        return Ok(None);
     }
     let (left, degrees) = (&reduced.left, reduced.degrees);
     let a: Square = std::array::from_fn(|i| std::array::from_fn(|j| left[i][j]));
     let b: [f64; MOTION] = std::array::from_fn(|i| left[i][DIFFERENCE]);
-    let inverse_a = inverse(&a)?;
+    let Some(inverse_a) = inverse(&a) else {
+        return Ok(None);
+    };
     let step: [f64; MOTION] =
         std::array::from_fn(|i| -(0..MOTION).map(|j| inverse_a[i][j] * b[j]).sum::<f64>());
     let before = left[DIFFERENCE][DIFFERENCE].max(0.0);
@@ -54,13 +60,16 @@ pub(super) fn solve(
             }
         }
     }
-    let inverse_clean = inverse(&clean)?;
+    let Some(inverse_clean) = inverse(&clean) else {
+        return Ok(None);
+    };
     let rest = reduced.rest(&step);
     let by_noise = in_band * damping;
-    let excess = reduced.inflation(clusters, &rest, &inverse_clean, by_noise);
+    let inflation = reduced.inflation(clusters, &rest, &inverse_clean, by_noise, cells)?;
+    let excess = inflation.parts;
     let covariance = sandwich(&inverse_clean, &a, by_noise * excess);
     let curvature = correction(
-        clusters,
+        clusters.sums,
         [&reduced.combination[0], &reduced.combination[1]],
         &rest,
         by_noise,
@@ -68,7 +77,7 @@ pub(super) fn solve(
     );
     let (gain, offset) = reduced.light(&sums, light, &step);
     let [shared, size] = agreement(reduced.texture, gain, residual, light);
-    Some(Affine {
+    Ok(Some(Affine {
         motion: step,
         covariance,
         alpha: gain,
@@ -81,7 +90,8 @@ pub(super) fn solve(
         ),
         steady: false,
         curvature,
-    })
+        excess,
+    }))
 }
 
 /// The sums of all clusters.
@@ -176,11 +186,12 @@ impl Reduced {
     /// beside what noise lets expect; see [`covariance_inflation`](crate::shift::robust_covariance).
     fn inflation(
         &self,
-        clusters: &[Sums],
+        Clusters { sums, across }: Clusters<'_>,
         rest: &[f64; FEATURES],
         inverse_clean: &Square,
         by_noise: f64,
-    ) -> f64 {
+        cells: &mut Vec<Cell>,
+    ) -> Result<Inflation> {
         // What the displacement feels along each axis.
         let mut tells = [[0.0; FEATURES]; 2];
         for (tells, inverse) in tells.iter_mut().zip(inverse_clean) {
@@ -192,23 +203,13 @@ impl Reduced {
         }
         let felt = [0, 1].map(|axis| Form::of(&tells[axis], rest));
         let noise = [0, 1].map(|axis| Form::of(&tells[axis], &tells[axis]));
-        let (mut seen, mut expected, mut squares) = (0.0, 0.0, 0.0);
-        for cluster in clusters {
-            let mut part = 0.0;
-            for axis in 0..2 {
-                seen += felt[axis].at(cluster).powi(2);
-                part += by_noise * noise[axis].at(cluster);
-            }
-            expected += part;
-            squares += part * part;
-        }
-        let effective = expected * expected / squares.max(f64::MIN_POSITIVE);
-        let ratio = seen / expected.max(f64::MIN_POSITIVE);
-        if ratio > 1.0 + 3.0 / effective.sqrt() && seen > SETTLED * SETTLED {
-            ratio
-        } else {
-            1.0
-        }
+        let felt = sums.iter().map(|cluster| Cell {
+            pull: [felt[0].at(cluster), felt[1].at(cluster)],
+            noise: by_noise * (noise[0].at(cluster) + noise[1].at(cluster)),
+        });
+        replace("clusters", cells, felt)?;
+        let found = Inflation::of(cells, across, [[1.0, 0.0], [0.0, 1.0]]);
+        Ok(found)
     }
 
     /// Symmetric gain and offset after a step.
