@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import ndimage
-from shift_helpers import scene
 
 from rsflow import estimate_shift
+from shift_helpers import scene
 
 
 def turned(matrix: np.ndarray, shift: np.ndarray, size: int, seed: int) -> list[np.ndarray]:
