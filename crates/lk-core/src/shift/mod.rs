@@ -27,6 +27,7 @@ mod matrix;
 mod model;
 mod normalization;
 mod options;
+mod outlying;
 mod result;
 mod robust_covariance;
 mod solution;

@@ -7,28 +7,20 @@ use super::block_sums::{BlockSums, overall_light, sandwich};
 use super::blocks::{Merger, Ranked, quantile, sort_by_variance};
 use super::filters::NoiseGain;
 use super::gain::{MAX_GAIN, Sample, gain_field, gain_ramp, ramp_features};
-use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light, OUTLYING, weight_of};
-use super::matrix::{eigenvalues, inverse};
+use super::gram::{Block, F_GX, F_GY, F_ONE, Gram, Light, weight_of};
+use super::matrix::{Matrix, eigenvalues};
 use super::model::{LightScope, Model};
-use super::robust_covariance::{Cell, Pull, covariance_inflation};
+use super::robust_covariance::{Cell, Inflation, Pull, covariance_inflation};
 use super::solution::{Others, PIXELS_PER_SAMPLE, Solution};
 use super::sums::{Tile, Tiling};
 use crate::error::Result;
 use crate::memory::{replace, reserve, resize};
 
-/// Tiles that move on their own are left out as long as they hold no more than this share of the pixels and of the squared
-/// gradients.
-const MOST_OUTLYING: f64 = 0.4;
-/// More than this share of the pixels is most of the window.
-const MOST: f64 = 0.55;
-/// A tile that leaves this share of its texture shows nothing of what the other frame does.
-const UNMATCHED: f64 = 0.3;
-
 /// Sums and blocks, kept from evaluation to evaluation.
 #[derive(Debug, Default)]
 pub(super) struct Solver {
     /// The sums of each tile, and the tile with its light eliminated.
-    grams: Vec<(Gram, Option<Block>)>,
+    pub(super) grams: Vec<(Gram, Option<Block>)>,
     /// Whether the light of each tile was eliminated.
     reduced: bool,
     /// The blocks that the window is best cut into.
@@ -37,7 +29,7 @@ pub(super) struct Solver {
     /// Which of the blocks that were tried are one, in the order in which they are tried.
     merged: Vec<bool>,
     /// The residual variance that the weights of the last solution are relative to.
-    typical: f64,
+    pub(super) typical: f64,
     /// The gains of the tiles.
     samples: Vec<Sample>,
     /// How tiles pull at the displacement.
@@ -80,21 +72,7 @@ impl Solver {
         let step = sums.step();
         let clean = sums.without_noise();
         let share = damping / noise.sampled;
-        let across = tiling.across();
-        let mut cells = std::mem::take(&mut self.cells);
-        let inflation = if scope == LightScope::Window {
-            let pulls = self.window_pulls(tiling, light, whole, step, typical);
-            covariance_inflation(pulls, across, clean, share, &mut cells)?
-        } else {
-            let pulls = self.grams.iter().map(|(_, block)| {
-                let block = block.as_ref();
-                block.map_or(Pull::NONE, |block| {
-                    Pull::of_block(block, step, typical, floor)
-                })
-            });
-            covariance_inflation(pulls, across, clean, share, &mut cells)?
-        };
-        self.cells = cells;
+        let inflation = self.inflation(tiling, &model, whole, step, (typical, clean, share))?;
         let excess = inflation.tiles;
         // Each block spends some on its own light.
         let light_unknowns = self.blocks.len() as f64 * light.unknowns();
@@ -138,6 +116,39 @@ impl Solver {
         }))
     }
 
+    /// By how much the variance of the displacement is larger than noise explains, after a step from what is `typical` of
+    /// the tiles, tells of the displacement without noise, and is the share of noise in what is left.
+    fn inflation(
+        &mut self,
+        tiling: &Tiling,
+        &Model {
+            light,
+            scope,
+            floor,
+            ..
+        }: &Model,
+        whole: (Gram, [f64; 2]),
+        step: [f64; 2],
+        (typical, clean, share): (f64, Matrix, f64),
+    ) -> Result<Inflation> {
+        let across = tiling.across();
+        let mut cells = std::mem::take(&mut self.cells);
+        let inflation = if scope == LightScope::Window {
+            let pulls = self.window_pulls(tiling, light, whole, step, typical);
+            covariance_inflation(pulls, across, clean, share, &mut cells)
+        } else {
+            let pulls = self.grams.iter().map(|(_, block)| {
+                let block = block.as_ref();
+                block.map_or(Pull::NONE, |block| {
+                    Pull::of_block(block, step, typical, floor)
+                })
+            });
+            covariance_inflation(pulls, across, clean, share, &mut cells)
+        };
+        self.cells = cells;
+        inflation
+    }
+
     /// Take the sums of the tiles, each with its light eliminated unless one holds for the window; the sum of squared
     /// Laplacians.
     fn take(
@@ -162,36 +173,6 @@ impl Solver {
         self.blocks.clear();
         reserve("tiles", &mut self.blocks, tiles.len())?;
         Ok(laplacian)
-    }
-
-    /// How much further the tiles would go that leave far more than what the displacement rests on, where they are most of
-    /// the window: which of two motions is that of the window cannot be told. Nothing where they are few.
-    fn others(&self, step: [f64; 2], typical: f64, floor: f64) -> Others {
-        let (mut gradient, mut difference) = ([[0.0; 2]; 2], [0.0; 2]);
-        let (mut outlying, mut unmatched, mut all) = (0.0, 0.0, 0.0);
-        for block in self.grams.iter().filter_map(|(_, block)| block.as_ref()) {
-            all += block.count;
-            if block.variance().max(floor) > OUTLYING * typical {
-                outlying += block.count;
-                if block.residual > UNMATCHED * block.texture {
-                    unmatched += block.count;
-                }
-                for i in 0..2 {
-                    difference[i] += block.difference[i];
-                    for j in 0..2 {
-                        gradient[i][j] += block.gradient[i][j];
-                        difference[i] += block.gradient[i][j] * step[j];
-                    }
-                }
-            }
-        }
-        let inverse = (outlying > MOST * all).then(|| inverse(gradient)).flatten();
-        Others {
-            further: inverse.map_or([0.0; 2], |inverse| {
-                inverse.map(|row| -(row[0] * difference[0] + row[1] * difference[1]))
-            }),
-            unmatched: unmatched > MOST * all,
-        }
     }
 
     /// The residual variance that weights are relative to.
@@ -313,33 +294,6 @@ impl Solver {
                     variance: weight * weight * variance,
                 }
             })
-    }
-
-    /// How far one light for the window leads from the last evaluation where the tiles that move on their own are left out;
-    /// `None` where these are so many that they may be what moves as a whole.
-    pub(super) fn step_in_one_light(&self, tiling: &Tiling, model: &Model) -> Option<[f64; 2]> {
-        let middle = tiling.center();
-        let mut kept = Gram::default();
-        let (mut pixels, mut gradients) = ([0.0; 2], [0.0; 2]);
-        for (index, (tile, block)) in self.grams.iter().enumerate() {
-            let stays = block
-                .as_ref()
-                .is_none_or(|block| block.variance().max(model.floor) <= OUTLYING * self.typical);
-            let energy = tile.of(F_GX, F_GX) + tile.of(F_GY, F_GY);
-            pixels[usize::from(stays)] += tile.of(F_ONE, F_ONE);
-            gradients[usize::from(stays)] += energy;
-            if stays {
-                kept.add(&tile.moved(tiling.from(index, middle)));
-            }
-        }
-        let few = |[gone, stays]: [f64; 2]| gone <= MOST_OUTLYING * (gone + stays);
-        if !few(pixels) || !few(gradients) {
-            return None;
-        }
-        let block = kept.reduce(model.light)?;
-        let inverse = inverse(block.gradient)?;
-        let [x, y] = block.difference;
-        Some([0, 1].map(|axis| -(inverse[axis][0] * x + inverse[axis][1] * y)))
     }
 
     /// How the gain varies linearly over the window, from the sums over the tiles as one system with the displacement;

@@ -2,7 +2,8 @@
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
 use super::stripe::SumStripe;
-use super::view::{FEATURES, View};
+use super::sums::{CLUSTER, PRODUCTS, Sums};
+use super::view::View;
 use crate::error::Result;
 use crate::execution::Execution;
 use crate::memory::resize;
@@ -10,11 +11,6 @@ use crate::parallel::{RowsMut, for_each_band};
 use crate::shift::robust_covariance::Cell;
 use crate::simd::dispatch;
 
-/// Products of two features, each pair once.
-pub(super) const PRODUCTS: usize = FEATURES * (FEATURES + 1) / 2;
-
-/// Pixels along a side of a cluster: what is left of its differences may pull together.
-pub(super) const CLUSTER: usize = 8;
 /// Rows that a thread takes at least are as many as hold this many pixels.
 const BAND_PIXELS: usize = 4096;
 
@@ -32,15 +28,6 @@ pub(in crate::shift) struct Workspace {
 pub(super) struct Clusters<'a> {
     pub(super) sums: &'a [Sums],
     pub(super) across: usize,
-}
-
-/// Sums of products of all features, each once, row after row from the diagonal on.
-pub(super) type Sums = [f64; PRODUCTS];
-
-/// The index of the product of two features.
-pub(super) fn index(i: usize, j: usize) -> usize {
-    let (i, j) = (i.min(j), i.max(j));
-    i * (2 * FEATURES - i - 1) / 2 + j
 }
 
 impl Workspace {
@@ -93,37 +80,6 @@ impl Workspace {
                 }
             },
         )
-    }
-}
-
-/// A quadratic form of the features, to be taken of the sums of many clusters.
-pub(super) struct Form([f64; PRODUCTS]);
-
-impl Form {
-    /// The sum of the products of two combinations of the features.
-    pub(super) fn of(a: &[f64; FEATURES], b: &[f64; FEATURES]) -> Self {
-        let mut weights = [0.0; PRODUCTS];
-        let mut next = 0;
-        for i in 0..FEATURES {
-            for j in i..FEATURES {
-                weights[next] = a[i] * b[j] + if i == j { 0.0 } else { a[j] * b[i] };
-                next += 1;
-            }
-        }
-        Self(weights)
-    }
-
-    #[inline]
-    pub(super) fn at(&self, sums: &Sums) -> f64 {
-        const LANES: usize = 6;
-        const { assert!(PRODUCTS.is_multiple_of(LANES)) };
-        let mut parts = [0.0; LANES];
-        for at in (0..PRODUCTS).step_by(LANES) {
-            for lane in 0..LANES {
-                parts[lane] += self.0[at + lane] * sums[at + lane];
-            }
-        }
-        parts.iter().sum()
     }
 }
 

@@ -1,7 +1,7 @@
 //! What a displacement that varies quadratically over the window adds at its centre, from what an affine one leaves.
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
-use super::clusters::{Form, Sums, index};
+use super::sums::{Form, Sums, index};
 use super::view::{FEATURES, ONE, X, Y};
 use crate::shift::matrix::{Matrix, inverse, quadratic};
 

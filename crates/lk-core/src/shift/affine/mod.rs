@@ -14,6 +14,7 @@ mod reference;
 mod solution;
 mod solve;
 mod stripe;
+mod sums;
 mod view;
 
 pub(super) use clusters::Workspace;

@@ -1,6 +1,6 @@
 //! The sums over clusters, a pixel at a time: what [`SumStripe`](super::stripe::SumStripe) is held to.
 
-use super::clusters::{CLUSTER, PRODUCTS, Sums};
+use super::sums::{CLUSTER, PRODUCTS, Sums};
 use super::view::{FEATURES, View};
 use crate::frame::Plane;
 use crate::shift::filters::{DERIVATIVE, RADIUS, Taps, reversed, taps};

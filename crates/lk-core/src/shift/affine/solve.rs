@@ -1,9 +1,10 @@
 //! One step of the motion: the light is eliminated, and the covariance holds what clusters say against each other.
 #![allow(clippy::needless_range_loop, reason = "matrix indices")]
 
-use super::clusters::{Clusters, Form, Sums, index};
+use super::clusters::Clusters;
 use super::curvature::correction;
 use super::solution::Affine;
+use super::sums::{Form, Sums, index};
 use super::view::{DIFFERENCE, FEATURES, MEAN, MOTION, ONE, X, Y};
 use crate::error::Result;
 use crate::memory::replace;

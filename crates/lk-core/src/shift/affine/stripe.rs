@@ -5,7 +5,7 @@
 //! of it in which there are several is gone over once for each, and those pixels count that have it.
 #![allow(clippy::needless_range_loop, reason = "rows and features by index")]
 
-use super::clusters::{CLUSTER, Sums};
+use super::sums::{CLUSTER, Sums};
 use super::view::{FEATURES, View};
 use crate::frame::Plane;
 use crate::shift::filters::{DERIVATIVE, RADIUS, lane_taps};
