@@ -196,7 +196,8 @@ def estimate_shift(
         slowly over the window.
     deformation : {"none", "affine"}
         How the window may deform: not at all, or by a displacement that varies linearly over it, as in a turn, a zoom
-        or a shear; `Shift.gradient` then says how.
+        or a shear; `Shift.gradient` then says how. With "none" a window that does deform gives the displacement of its
+        centre, where a linear motion accounts for all of it, and no gradient.
     max_displacement : float, optional
         The longest displacement to look for, a length in pixels: longer ones are not sought, and none is valid. By
         default half the window along each axis. What ends up less than a pixel beyond counts as within. A pattern that

@@ -7,7 +7,6 @@ import os
 import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -15,6 +14,7 @@ from urllib.parse import quote
 from ..errors import OptionError
 from ..extraction.answers import Answer, Fact
 from ..extraction.report.page import Report, Section, page
+from ..extraction.report.parts import Badge, Link, Table
 from ..extraction.things import value_text
 from ..io.atomic import writing
 from . import remote
@@ -59,10 +59,10 @@ def overview(items: Sequence[BatchItem]) -> str:
     counts = Counter(BatchStatus(item.status) for item in items)
     sources = f"{len(items)} source{'' if len(items) == 1 else 's'}"
     ordered = sorted(items, key=lambda item: _ORDER.index(BatchStatus(item.status)))
-    parts = [_Why([item for item in ordered if item.error]), _List(ordered[:_MOST], len(ordered))]
+    failed = [item for item in ordered if item.error]
     sections = (
-        Section("not-done", "What was not done, and why", [part for part in parts[:1] if part.items]),
-        Section("sources", "All sources", parts[1:]),
+        Section("not-done", "What was not done, and why", [_not_done(failed)] if failed else []),
+        Section("sources", "All sources", [_all(ordered)]),
     )
     report = Report(
         title=sources,
@@ -128,59 +128,28 @@ def _cells(item: BatchItem) -> tuple[str, ...]:
     return (_time(_number(summary, "duration_s")), str(frames), share, _speed(summary), things)
 
 
-def _link(item: BatchItem) -> str:
+def _source(item: BatchItem) -> str | Link:
     """Give the source, which leads to its report where there is one."""
-    name = escape(str(item.source))
-    report = (item.summary.get("files") or {}).get("report")
+    name, report = str(item.source), (item.summary.get("files") or {}).get("report")
     if not report:
         return name
     folder = str(item.folder).rstrip("/").replace("\\", "/").rsplit("/", 1)[-1]
-    return f'<a href="{quote(folder)}/{quote(Path(str(report)).name)}">{name}</a>'
+    return Link(name, f"{quote(folder)}/{quote(Path(str(report)).name)}")
 
 
-def _state(item: BatchItem) -> str:
+def _state(item: BatchItem) -> Badge:
     status = BatchStatus(item.status)
-    kind = "complete" if status == BatchStatus.DONE else "partial"
-    return f'<span class="badge {kind}">{escape(status.word)}</span>'
+    return Badge(status.word, status == BatchStatus.DONE)
 
 
-class _Rows:
-    """A table of sources; on a narrow page its cells stand below each other."""
-
-    def __init__(self, items: Sequence[BatchItem], name: str, header: Sequence[str], caption: str = "") -> None:
-        self.items, self._name, self._header, self._caption = items, name, header, caption
-
-    def row(self, item: BatchItem) -> Sequence[str]:
-        """Give the cells as HTML."""
-        raise NotImplementedError
-
-    def _row(self, item: BatchItem) -> str:
-        cells = zip(self._header, self.row(item), strict=True)
-        return "".join(f'<td data-label="{label}">{cell}</td>' for label, cell in cells)
-
-    def html(self) -> str:
-        """Give its HTML."""
-        header = "".join(f"<th>{text}</th>" for text in self._header)
-        rows = "".join(f"<tr>{self._row(item)}</tr>" for item in self.items)
-        caption = f'<p class="sub">{escape(self._caption)}</p>' if self._caption else ""
-        table = f'<table class="stacks"><thead><tr>{header}</tr></thead><tbody>{rows}</tbody></table>'
-        return f'{caption}<div class="scroll" tabindex="0" role="region" aria-label="{self._name}">{table}</div>'
+def _not_done(items: Sequence[BatchItem]) -> Table:
+    rows = [(_source(item), _state(item), item.error) for item in items]
+    return Table("", ("source", "state", "why"), rows, stacks=True, name="what was not done")
 
 
-class _Why(_Rows):
-    def __init__(self, items: Sequence[BatchItem]) -> None:
-        super().__init__(items, "what was not done", ("source", "state", "why"))
-
-    def row(self, item: BatchItem) -> Sequence[str]:
-        return _link(item), _state(item), escape(item.error)
-
-
-class _List(_Rows):
-    def __init__(self, items: Sequence[BatchItem], number: int) -> None:
-        caption = "Speeds are medians with the standard deviation of one frame; measured: of the pairs of frames."
-        if number > len(items):
-            caption += f" The first {len(items)} of {number}."
-        super().__init__(items, "all sources", _HEADER, caption)
-
-    def row(self, item: BatchItem) -> Sequence[str]:
-        return _link(item), _state(item), *map(escape, _cells(item))
+def _all(items: Sequence[BatchItem]) -> Table:
+    caption = "Speeds are medians with the standard deviation of one frame; measured: of the pairs of frames."
+    if len(items) > _MOST:
+        caption += f" The first {_MOST} of {len(items)}."
+    rows = [(_source(item), _state(item), *_cells(item)) for item in items[:_MOST]]
+    return Table("", _HEADER, rows, caption, stacks=True, name="all sources")

@@ -5,7 +5,7 @@
 use super::gauss_newton::Found;
 use super::matrix::eigenvalues;
 use super::normalization::Normalization;
-use super::result::{Shift, ShiftStatus};
+use super::result::{Shift, ShiftStatus, without_gradient};
 
 /// A standard deviation by noise above this is no measurement, in pixels; the second where the frames match at the
 /// finest level too.
@@ -107,15 +107,7 @@ pub(super) fn measured(normalization: Normalization, found: &Found, status: Shif
         direction: [f64::NAN; 2],
         direction_variance: f64::INFINITY,
         gradient: [[0.0; 2]; 2],
-        joint_covariance: std::array::from_fn(|i| {
-            std::array::from_fn(|j| {
-                if i < 2 && j < 2 {
-                    found.covariance()[i][j]
-                } else {
-                    0.0
-                }
-            })
-        }),
+        joint_covariance: without_gradient(found.covariance()),
         gain,
         offset: offset / normalization.scale + normalization.mean * (1.0 - gain),
         residual: solution.residual / normalization.scale,

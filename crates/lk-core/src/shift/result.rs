@@ -89,18 +89,9 @@ pub struct Shift {
 impl Shift {
     /// As a displacement alone, that of the window's centre.
     pub(super) fn without_gradient(self) -> Self {
-        let covariance = self.covariance;
         Self {
             gradient: [[0.0; 2]; 2],
-            joint_covariance: std::array::from_fn(|i| {
-                std::array::from_fn(|j| {
-                    if i < 2 && j < 2 {
-                        covariance[i][j]
-                    } else {
-                        0.0
-                    }
-                })
-            }),
+            joint_covariance: without_gradient(self.covariance),
             ..self
         }
     }
@@ -129,4 +120,13 @@ impl Shift {
     pub fn is_valid(&self) -> bool {
         self.status == ShiftStatus::Valid
     }
+}
+
+/// The joint covariance where there is no gradient.
+pub(super) fn without_gradient(covariance: [[f64; 2]; 2]) -> [[f64; 6]; 6] {
+    let mut joint = [[0.0; 6]; 6];
+    for (joint, row) in joint.iter_mut().zip(covariance) {
+        joint[..2].copy_from_slice(&row);
+    }
+    joint
 }

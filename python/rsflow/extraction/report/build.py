@@ -11,7 +11,7 @@ from .command import commands
 from .material import Material
 from .over_time import displacement, flow_plots, ground_path, light, picture_way, velocities
 from .page import Report, Section
-from .parts import Clip, Commands, Folded, Part, Slider, Table, Text
+from .parts import Clip, Commands, Folded, Link, Part, Slider, Table, Text
 from .sure import budget, validity
 from .things import count_plot, speed_plot, thing_map, thing_table
 
@@ -100,7 +100,7 @@ def _clips(material: Material) -> list[Part]:
 
 def _files(material: Material) -> list[Part]:
     files = material.files
-    rows = [(path.name, _size(path), _FILES.get(name, "")) for name, path in files.items()]
+    rows = [(Link(path.name, path.name), _size(path), _FILES.get(name, "")) for name, path in files.items()]
     meaning = [
         (f"{name}.csv", column, text)
         for name, names in (
@@ -113,7 +113,7 @@ def _files(material: Material) -> list[Part]:
         for column, text in names.items()
     ]
     return [
-        Table("", ("file", "size", "what it holds"), rows, "Beside this page.", frozenset({1}), frozenset({0})),
+        Table("", ("file", "size", "what it holds"), rows, "Beside this page.", frozenset({1})),
         Folded("Columns of the tables", [Table("", ("file", "column", "meaning"), meaning)]),
     ]
 

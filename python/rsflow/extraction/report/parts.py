@@ -70,6 +70,30 @@ class Plot:
 
 
 @dataclass(frozen=True)
+class Link:
+    """A cell that leads to another page."""
+
+    text: str
+    target: str
+
+    def html(self) -> str:
+        """Give its HTML."""
+        return f'<a href="{escape(self.target, quote=True)}">{escape(self.text)}</a>'
+
+
+@dataclass(frozen=True)
+class Badge:
+    """A cell that says whether something is whole."""
+
+    text: str
+    complete: bool
+
+    def html(self) -> str:
+        """Give its HTML."""
+        return f'<span class="badge {"complete" if self.complete else "partial"}">{escape(self.text)}</span>'
+
+
+@dataclass(frozen=True)
 class Table:
     """Rows under a header.
 
@@ -77,11 +101,11 @@ class Table:
     ----------
     title, caption : str
     header : sequence of str
-    rows : sequence of sequences of str
+    rows : sequence of sequences of str, Link or Badge
     numbers : frozenset of int
         Columns that are set flush right.
-    links : frozenset of int
-        Columns that name files beside the page.
+    name : str, optional
+        What it is called where it has no title.
     marks : sequence of (colour, drawing, name), optional
         For each row: what stands before it, and of which thing it is.
     stacks : bool
@@ -91,19 +115,19 @@ class Table:
 
     title: str
     header: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Sequence[Sequence[str | Link | Badge]]
     caption: str = ""
     numbers: frozenset[int] = frozenset()
-    links: frozenset[int] = frozenset()
     marks: Sequence[tuple[str, str, str]] = ()
     stacks: bool = False
+    name: str = ""
 
     def html(self) -> str:
         """Give its HTML."""
         header = "".join(f"<th{self._kind(index)}>{escape(text)}</th>" for index, text in enumerate(self.header))
         before = "<th>path</th>" if self.marks else ""
         body = "".join(map(self._row, range(len(self.rows))))
-        name = escape(self.title or "table", quote=True)
+        name = escape(self.title or self.name or "table", quote=True)
         kind = ' class="stacks"' if self.stacks else ""
         return (
             f'{_heading(self.title, self.caption)}<div class="scroll" tabindex="0" role="region" aria-label="{name}">'
@@ -118,18 +142,14 @@ class Table:
 
     def _row(self, number: int) -> str:
         cells = "".join(
-            f"<td{self._kind(index)}{self._label(index)}>{_link(text) if index in self.links else escape(text)}</td>"
-            for index, text in enumerate(self.rows[number])
+            f"<td{self._kind(index)}{self._label(index)}>{escape(cell) if isinstance(cell, str) else cell.html()}</td>"
+            for index, cell in enumerate(self.rows[number])
         )
         if not self.marks:
             return f"<tr>{cells}</tr>"
         colour, drawing, name = self.marks[number]
         mark = f'<td class="mark"><i style="background:{colour}"></i>{drawing}</td>'
         return f'<tr data-thing="{escape(name, quote=True)}">{mark}{cells}</tr>'
-
-
-def _link(name: str) -> str:
-    return f'<a href="{escape(name, quote=True)}">{escape(name)}</a>'
 
 
 @dataclass(frozen=True)
@@ -153,7 +173,7 @@ class Clip:
         said = ""
         size = self.video.stat().st_size if self.video is not None and self.video.is_file() else 0
         if self.video is not None and size:
-            said = f" {_link(self.video.name)}"
+            said = f" {Link(self.video.name, self.video.name).html()}"
             if not self.playable:
                 said += " (open it in a player; browsers do not play its codec)"
             elif size > EMBED_BYTES:

@@ -65,7 +65,7 @@ impl Workspace {
         for_each_band(
             execution,
             down,
-            (BAND_PIXELS / (columns * CLUSTER)).max(1),
+            (BAND_PIXELS / (columns * CLUSTER).max(1)).max(1),
             RowsMut::new(&mut self.clusters, across),
             |band, mut part| {
                 for (local, stripe) in band.enumerate() {
