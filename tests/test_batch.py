@@ -63,6 +63,14 @@ def test_batch_over_processes_survives_a_bad_source(clips, tmp_path, capsys):
     assert not (tmp_path / "none").exists()
 
 
+def test_a_folder_that_cannot_be_made_is_told_before_anything_is_measured(clips, tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert main(["batch", str(clips / "a"), "-o", str(tmp_path / "file" / "out"), "--rate", "30"]) == 1
+    out, err = capsys.readouterr()
+    assert err == f"rsflow batch: cannot make the folder {tmp_path}/file/out: Not a directory\n"
+    assert out == ""
+
+
 def test_batch_on_an_executor_of_the_caller(clips, tmp_path):
     seen = []
     with ThreadPoolExecutor(1) as pool:

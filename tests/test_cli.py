@@ -1,5 +1,6 @@
 """The command line: overview, errors on one line, exit codes, and the commands that need no estimator of their own."""
 
+import itertools
 import json
 import os
 import re
@@ -288,6 +289,10 @@ def test_interrupted_live_ends_with_130(clip):
     assert len(done.stdout.splitlines()) == 2
 
 
+def plain(line):
+    return bool(line) and not line.startswith(" ")
+
+
 @pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_help_fits_the_terminal_and_loses_no_word(command, capsys, monkeypatch):
     told = {}
@@ -299,9 +304,16 @@ def test_help_fits_the_terminal_and_loses_no_word(command, capsys, monkeypatch):
         before = re.split(r"\n\n(?:positional arguments|options):\n", whole)[0]
         told[columns] = before.split("\n\n", 1)[1]
         lines = told[columns].splitlines()
-        assert [line for line in lines if len(line) > columns and not line.startswith(" ")] == []
-        # A command to copy stays whole.
-        assert {line for line in told[200].splitlines() if line.startswith("  rsflow ")} <= set(lines)
+        loose = " " if columns < 80 else "  rsflow "
+        assert [line for line in lines if len(line) > columns and not line.startswith(loose)] == []
+        # A command to copy stays whole, what it does stands behind it or below.
+        examples = [line for line in told[200].splitlines() if line.startswith("  rsflow ")]
+        assert {line.strip().split("   ")[0] for line in examples} <= {line.strip().split("   ")[0] for line in lines}
+        assert [line for line in lines if len(line) > columns and "   " in line.strip()] == []
+        # A paragraph is filled: no line ends before the next word would not fit.
+        filled = itertools.pairwise(lines) if columns == 80 else ()
+        short = [one for one, other in filled if plain(one) and plain(other) and len(f"{one} {other.split()[0]}") < 79]
+        assert short == []
     assert told[40].split() == told[80].split() == told[200].split()
 
 

@@ -79,10 +79,14 @@ def test_flow_tells_before_it_measures_what_it_cannot_write(
 ) -> None:
     for arguments, message in (
         ([*pair, "-o", "a.txt"], '"a.txt", expected a name that ends in .flo'),
-        ([*pair, "--picture", "a.mp4"], 'path: got "a.mp4", expected a name that ends in .png, .jpg, .jpeg or .svg'),
+        ([*pair, "-o", "a.txt"], "--output: got"),
+        (
+            [*pair, "--picture", "a.mp4"],
+            '--picture: got "a.mp4", expected a name that ends in .png, .jpg, .jpeg or .svg',
+        ),
         (
             [*pair, "--picture", "a.mp4", "--style", "color"],
-            'path: got "a.mp4", expected a name that ends in .png, .jpg or .jpeg',
+            '--picture: got "a.mp4", expected a name that ends in .png, .jpg or .jpeg',
         ),
         ([*pair, "--stop", "3"], "--stop: got one for two pictures, expected a source"),
         ([clip, "-o", str(tmp_path / "a.flo")], "expected a folder, since a source has a flow for each pair"),
@@ -94,6 +98,39 @@ def test_flow_tells_before_it_measures_what_it_cannot_write(
         assert message in err
         assert out == ""
     assert not (tmp_path / "a.flo").exists()
+
+
+@pytest.mark.parametrize("command", ["flow", "shift", "grid"])
+def test_a_pair_that_is_none_is_refused_by_the_names_of_the_files(
+    tmp_path: Path,
+    pair: tuple[str, str],
+    clip: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    first = cv2.imread(pair[0], cv2.IMREAD_GRAYSCALE)
+    cv2.imwrite("small.png", first[:60, :80])
+    cv2.imwrite("deep.png", first.astype(np.uint16) * 256)
+    (tmp_path / "empty.png").touch()
+    (tmp_path / "text.png").write_text("no picture")
+    for second, message in (
+        (
+            "small.png",
+            f"pictures of different sizes: small.png: got 80 x 60 pixels, expected 160 x 120 as {pair[0]} has",
+        ),
+        ("deep.png", f"pictures of different types: deep.png: got uint16, expected uint8 as {pair[0]} has"),
+        (clip, f"{clip}: cannot be decoded as a picture"),
+        ("none.png", "none.png: cannot be read: No such file or directory"),
+        ("empty.png", "empty.png: the file is empty"),
+        ("text.png", "text.png: cannot be decoded as a picture"),
+        (str(tmp_path), f"{tmp_path}: got a folder, expected a regular file"),
+    ):
+        assert main([command, pair[0], second]) == 1
+        out, err = capsys.readouterr()
+        assert err.startswith(f"rsflow {command}: {message}"), err
+        assert out == ""
 
 
 def test_pictures_have_the_rate_that_is_given(tmp_path: Path, pair: tuple[str, str]) -> None:
@@ -115,7 +152,7 @@ def test_flow_of_a_clip(tmp_path: Path, clip: str, capsys: pytest.CaptureFixture
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 7
     assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(20, rel=0.01)
     assert main(["flow", clip, "--stop", "1"]) == 1
-    assert "fewer than two frames" in capsys.readouterr().err
+    assert "expected at least two" in capsys.readouterr().err
 
 
 def test_segment(tmp_path: Path, clip: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -142,7 +179,7 @@ def test_segment(tmp_path: Path, clip: str, capsys: pytest.CaptureFixture[str]) 
     rows = (out / "objects.csv").read_text().splitlines()
     assert rows[0].startswith("frame,t_s,id,age_frames,x_px,y_px,")
     assert main(["segment", clip, "-o", str(out / "one"), "--stop", "1"]) == 1
-    assert "nothing to compare" in capsys.readouterr().err
+    assert "expected at least two" in capsys.readouterr().err
 
 
 def test_segment_says_in_how_many_frames_nothing_could_be_told(
@@ -152,6 +189,14 @@ def test_segment_says_in_how_many_frames_nothing_could_be_told(
         cv2.imwrite(str(tmp_path / f"blank{number}.png"), np.full((48, 64), 90, np.uint8))
     assert main(["segment", str(tmp_path / "blank*.png"), "-o", str(tmp_path / "out")]) == 0
     assert "In 2 of 3 frames what moves could not be told: " in capsys.readouterr().out
+
+
+def test_convert_says_what_it_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, kind in (("", "a folder"), ("a.csv", "a name that ends in '.csv'")):
+        assert main(["convert", str(tmp_path / name), "out.flo"]) == 1
+        err = capsys.readouterr().err
+        assert f"{tmp_path / name}: got {kind}, expected a flow file (.flo, .png" in err
+        assert "or a camera file (.json" in err
 
 
 def test_convert(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -156,7 +156,7 @@ def test_a_polygon_that_is_none_is_told(here, capsys, corners, message):
 @pytest.mark.parametrize(
     ("line", "code", "message"),
     [
-        (["p0.png"], 1, "two are needed"),
+        (["p0.png"], 1, "expected at least two"),
         (["p0.png", "p1.png", "p2.png"], 2, "got 3 sources"),
         (["p0.png", "p1.png", "--scale", "5"], 2, "got '5', expected a length a pixel"),
         (["p0.png", "p1.png", "--dt", "-1ms"], 2, "expected"),

@@ -40,7 +40,7 @@ def test_a_single_frame_is_one_error(here, capsys, command, limits):
     assert main([command, "in", "--rate", "30", *COMMANDS[command], *limits]) == 1
     line = capsys.readouterr().err
     assert "in has 6 frames, and 1 is left by start=" in line
-    assert "two are needed" in line
+    assert "expected at least two" in line
     assert not (here / "out").exists()
 
 

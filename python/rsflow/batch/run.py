@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import inspect
 import os
 import time
@@ -93,6 +94,8 @@ def extract_many(
     ------
     OptionError
         If there are no sources, an option is outside of what it allows, or a result would be written over a source.
+    OSError
+        If `out` cannot be made or written into; nothing is measured then.
 
     Notes
     -----
@@ -155,6 +158,8 @@ def extract_many(
         for name in folder_names(listed)
     ]
     _expect_apart(listed, out, folders, settings)
+    if not remote.is_remote(out):
+        _expect_writable(Path(out))
     assignment = Assignment("", "", options, None, part_frames, overlap, parquet)
     courses = [
         Course(replace(assignment, source=source, folder=folder), retries)
@@ -206,6 +211,16 @@ def _expect_apart(
     read = Inputs([source for source in sources if not remote.is_remote(source)], files=input_files(settings))
     here = [folder for folder in folders if not remote.is_remote(folder)]
     read.refuse(Path(folder) / name for folder in here for name in written_names(settings))
+
+
+def _expect_writable(folder: Path) -> None:
+    """Make the folder of all results; raise OSError where that cannot be, or nothing can be written there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise type(error)(error.errno, f"cannot make the folder {folder}: {error.strerror}") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, f"cannot write into the folder {folder}: {os.strerror(errno.EACCES)}")
 
 
 def _collected(

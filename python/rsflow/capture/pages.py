@@ -65,16 +65,15 @@ class PictureFile:
     def _undecodable(self, what: str = "") -> CaptureError:
         return CaptureError(f"{self.path}: {what}cannot be decoded as a picture ({len(self.data)} bytes)")
 
-    def picture(self, *, grey: bool = False) -> NDArray[Any]:
-        """Decode the file's one picture, or its first; `grey` lets the decoder turn colour into grey."""
+    def picture(self) -> NDArray[Any]:
+        """Decode the file's one picture, or its first."""
         with opening:
             import cv2
 
         image: NDArray[Any] | None = None
         with quiet():
             try:
-                flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE if grey else _flags()
-                image = cv2.imdecode(np.frombuffer(self.data, np.uint8), flags)
+                image = cv2.imdecode(np.frombuffer(self.data, np.uint8), _flags())
             except (cv2.error, SystemError):
                 image = None
         if image is None:

@@ -23,9 +23,11 @@ def too_few(stream: Frames, taken: int) -> CaptureError:
     """Give the error for a source of which only one frame was taken, where a motion needs two; or none."""
     if taken == 0:
         return nothing_to_measure(stream)
+    if (stream._start, stream._stop, stream._stride) == (0, None, 1):
+        return CaptureError(f"{_has(stream)}, expected at least two: a motion is from one to the next")
     return CaptureError(
-        f"{_has(stream)}, and {taken} is left by {_limits(stream)}: two are needed, fewer than two frames leave "
-        "nothing to compare"
+        f"{_has(stream)}, and {taken} is left by {_limits(stream)}, expected at least two: a motion is from one to the "
+        "next"
     )
 
 

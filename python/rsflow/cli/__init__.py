@@ -174,11 +174,11 @@ def _guarded(arguments: list[str]) -> int:
     """Run a command; an expected failure is one line, without a traceback."""
     from rsflow.errors import RsflowError
 
-    name, parser = "rsflow", None
+    name, parser, typed = "rsflow", None, {}
     try:
         try:
             parser, run, args = _parsed(arguments)
-            name = parser.prog
+            name, typed = parser.prog, vars(args)
             code = int(run(args) or 0)
         except SystemExit as stop:
             code = 0 if stop.code is None else stop.code if isinstance(stop.code, int) else 2
@@ -193,7 +193,7 @@ def _guarded(arguments: list[str]) -> int:
         return _told(name, stop, 130, str(stop) or "interrupted")
     except (RsflowError, OSError) as error:
         words = _words(error)
-        return _told(name, error, 1, in_options(words, parser) if parser else words)
+        return _told(name, error, 1, in_options(words, parser, typed) if parser else words)
     except MemoryError as error:
         return _told(name, error, 1, f"out of memory{f': {error}' if str(error) else ''}")
     except Exception as error:

@@ -12,12 +12,17 @@ __all__ = ["HelpFormatter"]
 _WRITTEN = 120
 # A name, and what it says in a column of its own.
 _ROW = re.compile(r"( +\S+(?: \S+)*  +)\S")
+# A command, and what it does behind it.
+_EXAMPLE = re.compile(r"(.*?)(?:\s{3,}(\S.*))?")
 # Less than this beside a name is no column.
 _LEAST = 20
 
 
 class HelpFormatter(argparse.RawDescriptionHelpFormatter):
-    """Leave what fits as it stands; wrap paragraphs and rows of two columns, and never a command to copy."""
+    """Leave what fits as it stands; wrap paragraphs and rows of two columns, and never a command to copy.
+
+    What is said of a command behind it stands below where both do not fit in one line.
+    """
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         lines = [indent + line for line in text.splitlines()]
@@ -50,8 +55,12 @@ def _blocks(lines: list[str]) -> Iterator[tuple[str, int]]:
 
 
 def _wrapped(block: str, hanging: int, width: int) -> list[str]:
-    if len(block) <= width or block.startswith("  rsflow "):
+    if len(block) <= width:
         return [block]
+    if block.startswith("  rsflow "):
+        command, comment = _EXAMPLE.fullmatch(block).groups()  # type: ignore[union-attr]
+        said = textwrap.wrap(comment or "", width, initial_indent=" " * 6, subsequent_indent=" " * 6)
+        return [command, *said]
     begin = len(block) - len(block.lstrip())
     indent = " " * (begin if hanging < 0 else hanging if width - hanging >= _LEAST else 4)
     return textwrap.wrap(block, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from argparse import _ActionsContainer as Arguments
 
     from rsflow._results.folder import Identity
-    from rsflow.capture import Frames
+    from rsflow.capture import Frame, Frames
 
 __all__ = [
     "above_zero",
@@ -31,6 +31,7 @@ __all__ = [
     "settle_range",
     "source_of",
     "tell_notes",
+    "two_pictures",
 ]
 
 # Options that do not change what a result is.
@@ -115,6 +116,15 @@ def mask_of(path: str | None, *, option: str = "--mask", size: tuple[int, int] |
     mask = read_mask(path)
     expect_size(f"{option} {path}", mask, size)
     return mask
+
+
+def two_pictures(prev: str, following: str, *, color: bool = False) -> tuple[Frame, Frame]:
+    """Read the two pictures of a pair, of one size and type; anything else is refused by the name of its file."""
+    from rsflow.capture import frames
+
+    with frames([prev, following], color=color) as source:
+        first, second = source
+    return first, second
 
 
 def add_overwrite(parser: Arguments, *, where: str = "OUT") -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Mapping
+from typing import Any
 
 __all__ = ["in_options", "usage_words"]
 
@@ -11,7 +13,7 @@ _KINDS = {"int": "a whole number", "float": "a number"}
 # What names of arguments end in, where those of options do not.
 _UNITS = {"m", "s", "px", "per", "hz", "rad", "deg", "size"}
 # Arguments that the option says in another word.
-_OTHERS = {"target": "mavlink"}
+_OTHERS = {"target": "mavlink", "acceleration_walk_m_s2": "filter"}
 
 
 def usage_words(message: str) -> str:
@@ -32,8 +34,10 @@ def usage_words(message: str) -> str:
     return message
 
 
-def in_options(message: str, parser: argparse.ArgumentParser) -> str:
+def in_options(message: str, parser: argparse.ArgumentParser, typed: Mapping[str, Any] | None = None) -> str:
     """Name options as they are typed where a message of the package begins with the name of an argument.
+
+    A `path` is named after the option by which it was given; `typed` are the values by their names in the parser.
 
     Examples
     --------
@@ -41,7 +45,13 @@ def in_options(message: str, parser: argparse.ArgumentParser) -> str:
     >>> _ = parser.add_argument("--scale", type=float)
     >>> in_options("scale_m_per_px: got -1.0, expected a positive number of metres, or None", parser)
     '--scale: got -1.0, expected a positive number of metres'
+    >>> _ = parser.add_argument("-o", "--output")
+    >>> in_options('path: got "x.doc", expected a name that ends in .flo', parser, {"output": "x.doc"})
+    '--output: got "x.doc", expected a name that ends in .flo'
     """
+    if file := re.match(r'path: got "(.*?)", ', message):
+        given = [action for action in parser._actions if (typed or {}).get(action.dest) == file[1]]
+        return f"{_typed_name(given[0])}{message[4:]}" if given else message
     found = re.match(r"([a-z]\w*(?:, [a-z]\w*)*): got ", message)
     if found is None:
         return message
@@ -53,6 +63,12 @@ def in_options(message: str, parser: argparse.ArgumentParser) -> str:
     # Another argument that goes with it, `camera=` say.
     rest = re.sub(r"\b([a-z]\w*)=(?=[\s,;:.]|$)", lambda other: _option_of(other[1], parser) or other[0], rest)
     return ", ".join(options) + rest
+
+
+def _typed_name(action: argparse.Action) -> str:
+    """Give the name under which the help has it: the long one, or of a value without a name what stands for it."""
+    names = sorted(action.option_strings, key=len)
+    return names[-1] if names else str(action.metavar or action.dest)
 
 
 def _option_of(name: str, parser: argparse.ArgumentParser) -> str | None:

@@ -26,11 +26,10 @@ _LEVEL_RAD = 0.03
 DESCRIPTION = """\
 Calibrate a camera from pictures of a chessboard or ChArUco board.
 
-Print a board (--print-board draws one in its exact size), glue it to something flat, and take 15 or more
-pictures: near and far, tilted by 20 to 45 degrees to every side, the board in each corner of the picture,
-focus and zoom as later in use. What comes out is the camera file that `rsflow velocity` and `rsflow extract`
-need for metres per second, with the deviation of each parameter, the error of each view, and advice on what
-to drop and what to add.
+Print a board (--print-board draws one in its exact size), glue it to something flat, and take 15 or more pictures: near
+and far, tilted by 20 to 45 degrees to every side, the board in each corner of the picture, focus and zoom as later in
+use. What comes out is the camera file that `rsflow velocity` and `rsflow extract` need for metres per second, with the
+deviation of each parameter, the error of each view, and advice on what to drop and what to add.
 
 examples:
   rsflow calibrate --print-board board.pdf                          9x6 corners, squares of 25 mm, on A4
@@ -41,8 +40,7 @@ examples:
   rsflow calibrate floor.png --board 9x6 --square 0.025 --height-with camera.yaml     the board on the ground
   rsflow calibrate shots --pattern charuco --board 8x5 --square 0.03 --marker 0.022 -o camera.yaml
 
---board counts inner corners of a chessboard (10 x 7 squares have 9x6), squares of a ChArUco board.
-"""
+--board counts inner corners of a chessboard (10 x 7 squares have 9x6), squares of a ChArUco board."""
 
 
 def board_size(text: str) -> tuple[int, int]:

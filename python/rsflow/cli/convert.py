@@ -34,11 +34,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command: 0 done."""
     from rsflow._results.inputs import Inputs
-    from rsflow.errors import OptionError
+    from rsflow.errors import FormatError, OptionError
     from rsflow.io.flow_files import FLOW_SUFFIXES, read_flow, read_flow_times, write_flow
 
     source, target = Path(args.source), Path(args.target)
     Inputs(files=[source]).refuse([target])
+    if source.suffix.lower() not in (*_CAMERA_SUFFIXES, *FLOW_SUFFIXES):
+        kind = "a folder" if source.is_dir() else f"a name that ends in {source.suffix!r}"
+        cameras, flows = (", ".join(suffixes) for suffixes in (_CAMERA_SUFFIXES, FLOW_SUFFIXES))
+        raise FormatError(f"{source}: got {kind}, expected a flow file ({flows}) or a camera file ({cameras})")
     if source.suffix.lower() in _CAMERA_SUFFIXES:
         from rsflow.camera import Camera
 

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from rsflow.synthetic import Flight
 
 DESCRIPTION = """\
-No input needed: make a flight over textured ground, with a thing that moves on it and light that changes; write it as
-a video with its camera file; run the main job on them; compare what was measured with what is true.
+No input needed: make a flight over textured ground, with a thing that moves on it and light that changes; write it as a
+video with its camera file; run the main job on them; compare what was measured with what is true.
 
 examples:
   rsflow demo                      results in rsflow-demo

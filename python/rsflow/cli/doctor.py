@@ -16,8 +16,8 @@ from typing import Any
 from rsflow._extras import DISTRIBUTION
 
 DESCRIPTION = """\
-Say what is installed and whether it works: versions, processor level, threads, OpenCV wheels that overwrite each
-other or this package, optional parts, and a self-test against a known motion, with times.
+Say what is installed and whether it works: versions, processor level, threads, OpenCV wheels that overwrite each other
+or this package, optional parts, and a self-test against a known motion, with times.
 
 examples:
   rsflow doctor

@@ -21,6 +21,7 @@ from rsflow.cli._options import (
     identity_of,
     mask_of,
     tell_notes,
+    two_pictures,
 )
 from rsflow.errors import OptionError
 
@@ -123,7 +124,7 @@ def _pair(args: argparse.Namespace) -> int:
     read = Inputs(files=(args.source, args.next, args.initial, args.mask, args.next_mask))
     read.refuse(path for path in (args.output, args.picture) if path)
     expect_apart({"-o": args.output, "--picture": args.picture})
-    first, second = (_only(path) for path in (args.source, args.next))
+    first, second = two_pictures(args.source, args.next, color=True)
     flow = _estimator(args, (first.image.shape[1], first.image.shape[0]))
     flow.update(first.image)
     field = flow.update(second.image)
@@ -134,13 +135,6 @@ def _pair(args: argparse.Namespace) -> int:
         _draw(args, field, first, path=args.picture)
     print(_summary(field, 1, math.nan, math.nan, as_json=args.json))
     return 0
-
-
-def _only(path: str) -> Frame:
-    from rsflow.capture import frames
-
-    with frames(path, color=True, stop=1) as source:
-        return next(iter(source))
 
 
 def _pairs(

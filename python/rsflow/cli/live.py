@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from rsflow.live import LiveFrame, LiveReading, LiveSummary
 
 DESCRIPTION = """\
-Measure while a camera runs, always its newest frame, and see it: the picture with arrows, what moves, things with
-their paths and speeds, brightness and gain, how late the figures are; with --camera and --height also the velocity
-over the ground. Ctrl-C ends it, with everything closed.
+Measure while a camera runs, always its newest frame, and see it: the picture with arrows, what moves, things with their
+paths and speeds, brightness and gain, how late the figures are; with --camera and --height also the velocity over the
+ground. Ctrl-C ends it, with everything closed.
 
 On a terminal of a machine with a screen a window opens (the viewer is an extra: pip install 'rsflow-motion[viewer]').
 Elsewhere --serve shows the same in a browser, --record keeps it in a file, and -o keeps the tables; without any of

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rsflow.cli._options import add_illumination, add_max_displacement, add_roi, mask_of
+from rsflow.cli._options import add_illumination, add_max_displacement, add_roi, mask_of, two_pictures
 
 if TYPE_CHECKING:
     from rsflow.shift import Shift
@@ -21,8 +21,7 @@ examples:
   rsflow shift a.png b.png                        the whole picture
   rsflow shift a.png b.png --roi 300,200,60,60    one window of 60 x 60, from column 300 and row 200
   rsflow shift a.png b.png --deformation affine   a window that turns, zooms or shears
-  rsflow shift a.png b.png --mask m.png --next-mask m.png
-                                                  without an overlay that is fixed to the sensor
+  rsflow shift a.png b.png --mask m.png --next-mask m.png    without an overlay that is fixed to the sensor
   rsflow shift a.png b.png --json                 for a program to read
 
 The displacement is in pixels, x to the right and y down. Exit code 1 if it could not be measured."""
@@ -44,18 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mask", metavar="PICTURE", help="where it is not black a pixel of PREV counts")
     parser.add_argument("--next-mask", metavar="PICTURE", help="where it is not black a pixel of NEXT counts")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
-
-
-def _grey(path: str) -> np.ndarray[Any, Any]:
-    """Read a picture as grey levels, in the depth of the file."""
-    from pathlib import Path
-
-    from rsflow.capture.pages import PictureFile
-    from rsflow.io.limits import max_pixels_of
-
-    file = PictureFile(Path(path), max_pixels_of(None))
-    file.expect_one()
-    return file.picture(grey=True)
 
 
 def _as_json(shift: Shift) -> dict[str, Any]:
@@ -113,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the command: 0 if the displacement was measured, 1 if not."""
     from rsflow.shift import estimate_shift
 
-    before, after = _grey(args.prev), _grey(args.next)
+    before, after = (frame.image for frame in two_pictures(args.prev, args.next))
     size = (before.shape[1], before.shape[0])
     shift = estimate_shift(
         before,
