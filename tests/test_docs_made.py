@@ -8,8 +8,11 @@ import runpy
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
+from browser import opened_browser
 from rsflow.cli import COMMANDS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -63,6 +66,33 @@ def test_a_picture_of_the_gallery_is_drawn(script: Path) -> None:
     page = (DOCS / "gallery" / "index.md").read_text(encoding="utf-8")
     assert f"(pictures/{script.stem}.png)" in page
     assert f"{{literalinclude}} {script.name}\n" in page
+
+
+@pytest.mark.parametrize("name", ["report", "live"])
+def test_a_screenshot_is_kept_and_shown(name: str) -> None:
+    picture = DOCS / "gallery" / f"{name}.jpg"
+    assert cv2.imread(str(picture)).shape[1] >= 1000
+    assert picture.stat().st_size < 300_000
+    page = (DOCS / "gallery" / "index.md").read_text(encoding="utf-8")
+    assert f"({name}.jpg)" in page
+    assert "{literalinclude} ../screenshots.py\n" in page
+
+
+def test_screenshots_are_made_anew_by_a_browser_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = runpy.run_path(str(DOCS / "screenshots.py"))
+    with monkeypatch.context() as without:
+        without.setenv("PATH", "")
+        assert made["main"](tmp_path) == 1
+    assert "the pictures are kept" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    with opened_browser() as browser:
+        picture = made["report"](browser, made["flown"](8), tmp_path)
+    assert picture.shape == (1000, 1200, 3)
+    # The page is white, and its first frame stands in the lower half.
+    assert (picture[:, :90] > 250).mean() > 0.99
+    assert np.ptp(picture[700:950, 150:700], axis=(0, 1)).min() > 100
 
 
 @pytest.mark.parametrize("program", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
