@@ -5,11 +5,12 @@ import math
 
 import rsflow
 from rsflow import synthetic
+from rsflow.batch.work import OF_WHAT_MOVES
 from rsflow.extraction import columns
 
 FRAMES = 60
 # What is told of each pair of frames; the other columns are of what moves.
-OF_PAIRS = [name for name in columns.MOTION if not name.startswith(("camera_", "segmentation", "moving", "objects"))]
+OF_PAIRS = [name for name in columns.MOTION if name not in OF_WHAT_MOVES]
 
 
 METRIC = {"camera": "camera.json", "height_m": 0.2, "videos": False}

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,7 +14,7 @@ from parts_helpers import METRIC, made_clip, same_measurements
 from rsflow.batch import extract_many
 from rsflow.batch.places import found_sources
 from rsflow.batch.processors import processors, quota
-from rsflow.batch.work import PARTS
+from rsflow.batch.work import OF_WHAT_MOVES, PARTS
 from rsflow.cli import main
 from rsflow.errors import OptionError
 
@@ -80,7 +81,13 @@ def test_folders_and_parts_on_processes(clip, whole, tmp_path, capsys):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"a", "a-2", "index.html"}
     for name in ("a", "a-2"):
         same(tmp_path / "out" / name, whole)
+        # What is not that of one run is said by name.
+        summary = json.loads((tmp_path / "out" / name / "summary.json").read_text())
+        assert summary["parts"] == 2
+        assert set(OF_WHAT_MOVES) <= set(re.findall(r"\w+", summary["notes"][-1]))
+        assert {**whole.summary, "notes": summary["notes"][:-1]}.keys() == summary.keys() - {"parts"}
         assert not (tmp_path / "out" / name / PARTS).exists()
+    assert "2 of them were measured in parts that overlap" in (tmp_path / "out" / "index.html").read_text()
     groups = pyarrow.parquet.ParquetFile(tmp_path / "out" / "a" / "motion.parquet").metadata
     assert [groups.row_group(k).num_rows for k in range(groups.num_row_groups)] == [24, 36]
     # What is done is not done again.
@@ -118,6 +125,7 @@ def test_a_batch_that_was_interrupted_goes_on_with_the_parts_that_are_there(clip
     # Parts that follow each other give all that one run gives.
     same_bytes(tmp_path / "clip", whole)
     assert item.summary["frames"] == 60
+    assert item.summary["notes"] == whole.summary["notes"]
 
 
 def test_parts_of_other_settings_are_not_taken(clip, tmp_path):

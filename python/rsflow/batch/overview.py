@@ -151,5 +151,11 @@ def _all(items: Sequence[BatchItem]) -> Table:
     caption = "Speeds are medians with the standard deviation of one frame; measured: of the pairs of frames."
     if len(items) > _MOST:
         caption += f" The first {_MOST} of {len(items)}."
+    parts = [item for item in items if item.summary.get("parts")]
+    if parts:
+        caption += (
+            f" {len(parts)} of them were measured in parts that overlap: what moves is there that of one run but for "
+            "what is older than the overlap, all else to the byte; see the notes in summary.json."
+        )
     rows = [(_source(item), _state(item), *_cells(item)) for item in items[:_MOST]]
     return Table("", _HEADER, rows, caption, stacks=True, name="all sources")

@@ -104,9 +104,10 @@ def extract_many(
 
     Of parts that overlap, the displacement and the dense flow in ``motion.csv``, ``velocity.csv`` and
     ``trajectory.csv`` are those of one run, byte for byte. What moves is told as after `overlap` frames:
-    ``objects.csv`` and the columns of the segmentation in ``motion.csv`` are those of one run to within what a longer
-    memory of the scene makes; things keep their numbers where their boxes agree. docs/explanation/scale.md has the
-    rule.
+    ``objects.csv`` and, in ``motion.csv``, ``moving_share``, ``objects``, ``camera_dx_px``, ``camera_dy_px``,
+    ``camera_rotation_rad``, ``camera_scale``, ``camera_model`` and ``segmentation_status`` are those of one run to
+    within what a longer memory of the scene makes, and a note in ``summary.json`` says so; things keep their numbers
+    where their boxes agree. docs/explanation/scale.md has the rule, and by how much they differed in an hour of video.
 
     At Ctrl-C or SIGTERM, whether it reaches this process alone or its workers too, no source is begun any more; those
     at hand end after the frame at hand and keep what is finished, as with `rsflow.extract`, and the second time they

@@ -19,12 +19,19 @@ from .assignment import Assignment, Failure, Plan, part_name, seed_name
 from .items import BatchItem, BatchStatus
 
 if TYPE_CHECKING:
+    from ..extraction import Extraction
     from ..extraction.parts import Span
 
-__all__ = ["cut", "end", "join", "look_ahead", "measure_part", "whole"]
+__all__ = ["OF_WHAT_MOVES", "cut", "end", "join", "look_ahead", "measure_part", "whole"]
 
 # Below the folder of a result: the parts of a run, until they are joined.
 PARTS = "parts.partial.d"
+# Columns of motion.csv that tell of what moves, as the scene is remembered; of parts that overlap those of one run but
+# for what is older than the overlap.
+OF_WHAT_MOVES = (
+    *("moving_share", "objects", "camera_dx_px", "camera_dy_px", "camera_rotation_rad", "camera_scale"),
+    *("camera_model", "segmentation_status"),
+)
 # Beside a result in storage: what it is of.
 _STAMP = ".rsflow-batch.json"
 
@@ -268,12 +275,27 @@ def join(assignment: Assignment, source: Any, root: str, count: int) -> BatchIte
             done = extract(source, folder, **{**assignment.options, "resume": True})
         except (PartialExtractionError, ExtractionInterrupted) as stop:
             return assignment.item(BatchStatus.PARTIAL, " ".join(str(stop).split()), stop.extraction.summary)
+        if assignment.overlap is not None:
+            _told_of_parts(done, count, assignment.overlap)
         if assignment.parquet:
             from .parquet import as_parquet
 
             as_parquet(done.files, rows=rows)
     _removed(f"{assignment.folder}/{PARTS}")
     return assignment.item(BatchStatus.DONE, summary=done.summary)
+
+
+def _told_of_parts(done: Extraction, count: int, overlap: int) -> None:
+    """Say in the summary what of the tables is not that of one run to the byte."""
+    before = f"{overlap} frame{'' if overlap == 1 else 's'}"
+    done.summary["parts"] = count
+    done.summary["notes"].append(
+        f"Measured in {count} parts, each of which looked at {before} before it for what moves: objects.csv and "
+        f"{', '.join(OF_WHAT_MOVES)} in motion.csv are those of one run but for what it would remember of the scene "
+        "for longer. All else is that of one run, byte for byte; with --in-order (overlap=None) everything is."
+    )
+    with writing(done.files["summary"]) as partial:
+        partial.write_text(json.dumps(done.summary, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 _STEPS: dict[str, Any] = {

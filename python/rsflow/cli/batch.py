@@ -20,8 +20,11 @@ SOURCE is a video, a pattern, a folder of pictures, a folder with videos in it a
 knows (s3://, gs://, ...; so may be OUT), a camera's number or a URL.
 
 A video of at least two parts (--part-frames) is cut into them: they are measured at once, and joined to what one run
-gives: displacement, flow, velocity and path byte for byte; what moves keeps its numbers over the cuts. --in-order
-measures the parts one after the other, each with all that the one before knew: then everything is that of one run.
+gives: displacement, flow, velocity and path byte for byte. What moves (objects.csv; moving_share, objects, camera_* and
+segmentation_status in motion.csv) is told from --overlap frames before each part: things keep their numbers over the
+cuts, but the figures differ a little from those of one run, all the way through a part. --in-order measures the parts
+one after the other, each with all that the one before knew: then everything is that of one run. Points (rsflow track)
+and grids (rsflow grid) are no part of a batch.
 
 Ctrl-C ends those at hand after the frame at hand and keeps what is finished, a second one ends them at once; with
 --resume those go on that did not end, and parts that are done are not done again.
