@@ -26,7 +26,7 @@ CASES: dict[str, tuple[str, str]] = {
     "a folder without pictures": ("extract hollow -o out", r"hollow: the folder holds no picture"),
     "a file that is no picture": ("shift a.png text.png", r"text\.png: cannot be decoded as a picture"),
     "a missing picture": ("shift a.png missing.png", r"missing\.png: cannot be read: No such file"),
-    "pictures of two sizes": ("shift a.png small.png", r"got \(50, 80\), expected the shape of prev, \(60, 80\)"),
+    "pictures of two sizes": ("shift a.png small.png", r"small\.png: got 80 x 50 pixels, expected 80 x 60 as a\.png"),
     "a window outside": ("shift a.png a.png --roi 70,0,60,60", r"roi: got .*expected a window inside of the frame"),
     "no board": ("calibrate pictures --board 9x6 --square 0.02", r"found in 0 of 4 pictures, expected at least 3"),
     "billion laughs": (f"velocity pictures {SHARED} laughs.yaml", r"laughs\.yaml: line 2: got a YAML alias"),

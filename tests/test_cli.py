@@ -122,6 +122,9 @@ def test_errors_of_the_system_name_the_file(capsys, monkeypatch):
     command_that(FileNotFoundError(2, "No such file or directory", "a/b.yaml"), monkeypatch)
     assert main(["probe"]) == 1
     assert lines_of(capsys)[1] == ["rsflow probe: a/b.yaml: No such file or directory"]
+    command_that(PermissionError(13, "Permission denied", "out/.run.working-1-a2-b3"), monkeypatch)
+    assert main(["probe"]) == 1
+    assert lines_of(capsys)[1] == ["rsflow probe: cannot write into the folder out: Permission denied"]
 
 
 def test_interrupt_is_exit_code_130(capsys, monkeypatch):

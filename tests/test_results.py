@@ -45,6 +45,18 @@ def test_a_record_names_no_file_outside_its_own(tmp_path):
     assert (tmp_path / "mine.txt").exists()
 
 
+def test_a_folder_that_cannot_be_written_into_is_told_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    with pytest.raises(rsflow.OptionError, match="file: got a file, or a link that leads nowhere"):
+        folder_of(tmp_path / "file", "a").__enter__()
+    with pytest.raises(NotADirectoryError, match=r"cannot make the folder .*file/below: Not a directory"):
+        folder_of(tmp_path / "file" / "below", "a").__enter__()
+    # Root may write anywhere.
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(PermissionError, match=f"cannot write into the folder {tmp_path}: Permission denied"):
+        folder_of(tmp_path, "a").__enter__()
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
 @pytest.mark.parametrize("name", [MANIFEST, "flow_0.flo"])
 @pytest.mark.parametrize("device", [False, True])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import stat
@@ -17,7 +18,7 @@ from ..io.atomic import writing
 from ..io.limits import kind_of, read_text
 from . import identity as _identity
 
-__all__ = ["Identity", "ResultFolder", "expect_own", "expect_plain", "read_json"]
+__all__ = ["Identity", "ResultFolder", "expect_own", "expect_plain", "made_folder", "read_json"]
 
 # What is known of the results in a folder, by command; `rsflow extract` has it in its summary.json.
 MANIFEST = ".rsflow.json"
@@ -73,6 +74,28 @@ def expect_plain(paths: Iterable[Path]) -> None:
             continue
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
             raise OptionError(f"{path}: got {kind_of(mode)}, expected a regular file or none: remove it")
+
+
+def made_folder(folder: Path) -> list[Path]:
+    """Make a folder that results are written into, before they are measured; give those that were missing.
+
+    Raises
+    ------
+    OptionError
+        If it is a file.
+    OSError
+        If it cannot be made, or nothing can be written into it.
+    """
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise OptionError(f"{folder}: got a file, or a link that leads nowhere, expected a folder") from None
+    except OSError as error:
+        raise type(error)(error.errno, f"cannot make the folder {folder}: {error.strerror}") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, f"cannot write into the folder {folder}: {os.strerror(errno.EACCES)}")
+    return missing
 
 
 class ResultFolder:
@@ -152,11 +175,7 @@ class ResultFolder:
             self._write([])
 
     def __enter__(self) -> Self:
-        self._made = [path for path in (self.folder, *self.folder.parents) if not path.exists()]
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except FileExistsError:
-            raise OptionError(f"{self.folder}: got a file, or a link that leads nowhere, expected a folder") from None
+        self._made = made_folder(self.folder)
         return self
 
     def __exit__(

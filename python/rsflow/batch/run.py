@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import inspect
 import os
 import time
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import _checks
+from .._results.folder import made_folder
 from ..errors import OptionError
 from . import remote
 from .assignment import NO_SETTINGS, Assignment
@@ -160,7 +160,7 @@ def extract_many(
     ]
     _expect_apart(listed, out, folders, settings)
     if not remote.is_remote(out):
-        _expect_writable(Path(out))
+        made_folder(Path(out))
     assignment = Assignment("", "", options, None, part_frames, overlap, parquet)
     courses = [
         Course(replace(assignment, source=source, folder=folder), retries)
@@ -212,16 +212,6 @@ def _expect_apart(
     read = Inputs([source for source in sources if not remote.is_remote(source)], files=input_files(settings))
     here = [folder for folder in folders if not remote.is_remote(folder)]
     read.refuse(Path(folder) / name for folder in here for name in written_names(settings))
-
-
-def _expect_writable(folder: Path) -> None:
-    """Make the folder of all results; raise OSError where that cannot be, or nothing can be written there."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise type(error)(error.errno, f"cannot make the folder {folder}: {error.strerror}") from None
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise PermissionError(errno.EACCES, f"cannot write into the folder {folder}: {os.strerror(errno.EACCES)}")
 
 
 def _collected(

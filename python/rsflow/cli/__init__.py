@@ -12,6 +12,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from rsflow.cli._help import HelpFormatter
@@ -217,6 +218,10 @@ def _told(name: str, error: BaseException, code: int, words: str) -> int:
 
 def _words(error: BaseException) -> str:
     if isinstance(error, OSError) and error.strerror:
+        place = Path(str(error.filename or ""))
+        if ".working-" in place.name:
+            # The names of hidden files tell nobody anything.
+            return f"cannot write into the folder {place.parent}: {error.strerror}"
         # Without the number: "[Errno 28] ..." says less than the words do.
         return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
     return str(error)
