@@ -97,7 +97,7 @@ class MotionSegmenter(Shared):
     first_frame False
     """
 
-    _state_version = 3
+    _state_version = 4
     _state_types: ClassVar = {
         **dict.fromkeys(("static_camera", "_flow_is_ours"), (bool, np.bool_)),
         "min_area": (numbers.Integral, type(None)),

@@ -31,6 +31,15 @@ const MOST_ALONE: f64 = 6.0;
 const MOST_SCATTER: f64 = 3.0;
 /// All of a thing's flow errs alike by this much, in pixels, in one frame.
 const THING_STD_PX: f64 = 0.08;
+/// What is compact, of less than this share of the picture, and lies before the plane is not behind it.
+const COMPACT: f64 = 0.08;
+/// Such a thing moves by itself: where it goes along the lines nonetheless, by this share of the plane's travel at least and
+/// so many times as surely as by chance, others that move by themselves may go along them as well, as on a road that the camera
+/// pans along. The share that does is from as many things as were seen to, and so many more of which this share does.
+const LEAST_ALONG: f64 = 0.15;
+const SURELY_ALONG: f64 = 8.0;
+const FEW_ALONG: f64 = 1.0;
+const SHARE_ALONG: f64 = 0.02;
 /// A thing of fewer cells, and one that moves less than so many pixels against the plane, says less: where texture is weak
 /// flow errs along the motion of the plane.
 const WEAK_PX: f64 = 0.5;
@@ -43,6 +52,8 @@ pub(super) struct Candidate {
     pub(super) by_plane: bool,
     /// Whether the scene is known to have depth: a camera that turns as well may hide its travel in a frame.
     pub(super) known: bool,
+    /// How many things that no depth explains were seen to move along the lines of the frames before.
+    pub(super) along: f64,
 }
 
 /// How things agree with an epipole.
@@ -54,6 +65,8 @@ pub(super) struct Agreement {
     pub(super) agrees: Vec<bool>,
     /// The angle by which things that may be still turn from their lines, and its inverse variance.
     pub(super) turned: [f64; 2],
+    /// How many things move along the lines as nothing does that is still.
+    pub(super) along: f64,
 }
 
 impl Agreement {
@@ -91,6 +104,8 @@ struct Sums {
     along: f64,
     travel: f64,
     cells: f64,
+    /// Whether it is no more than the surroundings of another thing.
+    surrounds: bool,
 }
 
 impl Sums {
@@ -132,9 +147,8 @@ impl Sums {
         ratio > 0.0 && ratio < USUAL && turned * turned < 9.0 * (1.0 / weight + angle * angle)
     }
 
-    /// Logarithms of the odds that the thing is still, where still things are nearer, behind, and both.
-    fn odds(&self, angle: f64, before: [f64; 2], known: bool) -> [f64; 3] {
-        let ratio = self.ratio();
+    /// How many times as dense its angle to its line is as one that is like everywhere on the circle.
+    fn density(&self, angle: f64, before: [f64; 2]) -> f64 {
         let [mut turned, mut weight] = self.turn();
         if self.may_be_still(angle) {
             // Errors of one frame are not those of another: over frames the angle is surer.
@@ -145,18 +159,37 @@ impl Sums {
         let single = (self.variance + self.vague) / self.length;
         let scatter = self.across / self.length / (single + angle * angle);
         let error = turned * turned / variance + (scatter - MOST_SCATTER).max(0.0);
-        // The density of the angle beside one that is like everywhere on the circle.
-        let density = TAU / (TAU * variance).sqrt() * (-0.5 * error).exp();
+        TAU / (TAU * variance).sqrt() * (-0.5 * error).exp()
+    }
+
+    /// How much of a thing's say it has.
+    fn say(&self) -> f64 {
+        if self.surrounds {
+            return 0.0;
+        }
+        (self.cells / CELLS).min(1.0) * (self.length / self.cells / self.weak).min(1.0)
+    }
+
+    /// Whether it lies before the plane and moves as if it were behind: nothing that is still does.
+    fn crosses(&self, compact: f64) -> bool {
+        self.ratio() < -LEAST_ALONG && self.cells < compact
+    }
+
+    /// Logarithms of the odds that the thing is still, where still things are nearer, behind, and both.
+    fn odds(&self, dense: f64, known: bool, crosses: bool, along: f64) -> [f64; 3] {
+        let ratio = self.ratio();
         let density = match ratio {
-            ratio if ratio > -USUAL && ratio < USUAL => density,
-            ratio if known || (ratio > -1.0 && ratio < NEAREST) => RARER * density,
+            _ if crosses => 0.0,
+            ratio if ratio > -USUAL && ratio < USUAL => dense,
+            ratio if known || (ratio > -1.0 && ratio < NEAREST) => RARER * dense,
             _ => 0.0,
         };
+        // What moves by itself goes anywhere, or along the lines either way.
+        let moves = 1.0 - along + along * dense / 2.0;
         let nearer = ratio > 0.0;
         let one_side = |this: bool| if this { STILL } else { OTHER_SIDE };
         let shares = [one_side(nearer), one_side(!nearer), STILL / 2.0];
-        let say = (self.cells / CELLS).min(1.0) * (self.length / self.cells / self.weak).min(1.0);
-        shares.map(|share| say * (share * density + 1.0 - STILL).ln())
+        shares.map(|share| self.say() * (share * density / moves + 1.0 - STILL).ln())
     }
 }
 
@@ -178,6 +211,9 @@ pub(super) fn agreement(
         ..Sums::default()
     };
     let mut sums = vec![none; things.count];
+    for (sums, surrounds) in sums.iter_mut().zip(&things.surrounds) {
+        sums.surrounds = *surrounds;
+    }
     for cell in &things.cells {
         sums[cell.thing].add(cell, point, &by_distance);
     }
@@ -187,9 +223,20 @@ pub(super) fn agreement(
         ANGLE
     };
     let before = if candidate.by_plane { before } else { [0.0; 2] };
-    let odds: Vec<[f64; 3]> = sums
+    let compact = COMPACT * things.all_cells as f64;
+    let dense: Vec<(&Sums, f64, bool)> = sums
         .iter()
-        .map(|sums| sums.odds(angle, before, candidate.known))
+        .map(|sums| (sums, sums.density(angle, before), sums.crosses(compact)))
+        .collect();
+    let seen = dense
+        .iter()
+        .filter(|(_, dense, crosses)| *crosses && *dense > SURELY_ALONG);
+    let along: f64 = seen.map(|(sums, ..)| sums.say()).sum();
+    let all = along.max(candidate.along);
+    let share = (FEW_ALONG * SHARE_ALONG + all) / (FEW_ALONG + all);
+    let odds: Vec<[f64; 3]> = dense
+        .iter()
+        .map(|(sums, dense, crosses)| sums.odds(*dense, candidate.known, *crosses, share))
         .collect();
     let turns = sums
         .iter()
@@ -202,6 +249,7 @@ pub(super) fn agreement(
         said: f64::NEG_INFINITY,
         agrees: Vec::new(),
         turned: [turned / weight.max(1e-12), weight],
+        along,
     };
     for (side, cost) in [0.0, BEHIND, BOTH_SIDES].into_iter().enumerate() {
         let mut said: f64 = odds.iter().map(|odds| odds[side]).sum::<f64>() - cost;

@@ -40,6 +40,8 @@ const SIGN_THINGS: f64 = 3.0;
 const SIGN_SHARE: f64 = 0.34;
 /// Two epipoles are the same where the cosine between them, about a picture of unit size, is more than this.
 const SAME: f64 = 0.85;
+/// Things that were seen to move by themselves along the lines count so much of that in the frame after.
+const ALONG_MEMORY: f64 = 0.97;
 /// The largest things whose lines are crossed for candidates.
 const CROSSED: usize = 14;
 /// Standard deviations of a refined epipole, as an angle, around where the plane's motion and the frame before have it.
@@ -65,6 +67,8 @@ pub struct Parallax {
     /// The angle in radians by which things turned lately from where the plane's motion has the epipole, and its inverse
     /// variance.
     pub turned: [f64; 2],
+    /// How many things were seen lately to move by themselves along the lines: others may as well.
+    pub along: f64,
     /// The plane's own motion by the camera's travel at (x, y) of `next`, as a share of the way to the epipole:
     /// `travel[0] + travel[1] * x + travel[2] * y` times `epipole.xy - epipole.w * (x, y)`, in pixels.
     pub travel: [f64; 3],
@@ -139,16 +143,12 @@ pub fn find_parallax(
         return before.map(|before| before.rested());
     }
     let known = before.and_then(|before| to_unit(&before.epipole, &things));
-    let turned = before.map_or([0.0; 2], |b| [b.turned[0], TURN_MEMORY * b.turned[1]]);
-    let by_plane = nearest(travel.lines.iter(), None, None).map(|point| travel.oriented(point));
-    let by_plane = by_plane.map(|point| judged(&things, &travel, [true, was], point, turned));
-    let now = by_plane
-        .as_ref()
-        .map_or([0.0; 2], |(_, found)| found.turned);
-    let others = best(&things, &travel, known.as_ref(), was);
-    let of = |judged: &Judged| judged.1.said;
-    let best = [by_plane, others].into_iter().flatten();
-    let Some((candidate, found)) = best.max_by(|a, b| of(a).total_cmp(&of(b))) else {
+    let Told {
+        turned,
+        along,
+        best,
+    } = told(&things, &travel, before, known.as_ref());
+    let Some((candidate, found)) = best else {
         return before.map(|before| before.faded(was));
     };
     // What is said against depth says nothing of where its epipole is.
@@ -179,8 +179,6 @@ pub fn find_parallax(
         let sums = found.directions(&things, &point);
         seen = [seen[0] + sums[0], seen[1] + sums[1]];
     }
-    let weight = turned[1] + now[1];
-    let angle = (turned[0] * turned[1] + now[0] * now[1]) / weight.max(1e-12);
     let (epipole, mut by_distance) = to_pixels(&point, &travel.toward(&point), &things)?;
     if let Some(before) = before.filter(|before| before.depth && same) {
         // A camera that turns as well may hide its travel in a frame.
@@ -195,9 +193,54 @@ pub fn find_parallax(
         depth,
         believed: depth,
         seen,
-        turned: [angle, weight],
+        turned,
+        along,
         travel: by_distance,
     })
+}
+
+/// What a frame tells beside those before.
+struct Told {
+    /// As in `Parallax`.
+    turned: [f64; 2],
+    along: f64,
+    /// The candidate that says most for depth.
+    best: Option<Judged>,
+}
+
+fn told(
+    things: &Things,
+    travel: &Travel,
+    before: Option<&Parallax>,
+    known: Option<&Point>,
+) -> Told {
+    let was = before.is_some_and(|before| before.depth);
+    let [angle, weight] = before.map_or([0.0; 2], |b| [b.turned[0], TURN_MEMORY * b.turned[1]]);
+    let along = before.map_or(0.0, |before| ALONG_MEMORY * before.along);
+    let candidate = |point, by_plane| Candidate {
+        point,
+        by_plane,
+        known: was,
+        along,
+    };
+    let by_plane = nearest(travel.lines.iter(), None, None)
+        .map(|point| candidate(travel.oriented(point), true))
+        .map(|candidate| judged(things, travel, candidate, [angle, weight]));
+    let (turned, now) = by_plane
+        .as_ref()
+        .map_or(([0.0; 2], 0.0), |(_, found)| (found.turned, found.along));
+    let sum = weight + turned[1];
+    let others = best(things, travel, known, |point| candidate(point, false));
+    let of = |judged: &Judged| judged.1.said;
+    let both = [by_plane, others].into_iter().flatten();
+    Told {
+        turned: [
+            (angle * weight + turned[0] * turned[1]) / sum.max(1e-12),
+            sum,
+        ],
+        along: along.max(now),
+        best: both.max_by(|a, b| of(a).total_cmp(&of(b))),
+    }
 }
 
 fn sign_of(seen: [f64; 2]) -> Option<f64> {
@@ -210,24 +253,18 @@ fn sign_of(seen: [f64; 2]) -> Option<f64> {
 
 type Judged = (Candidate, Agreement);
 
-fn judged(
-    things: &Things,
-    travel: &Travel,
-    [by_plane, known]: [bool; 2],
-    point: Point,
-    turned: [f64; 2],
-) -> Judged {
-    let candidate = Candidate {
-        point,
-        by_plane,
-        known,
-    };
+fn judged(things: &Things, travel: &Travel, candidate: Candidate, turned: [f64; 2]) -> Judged {
     let found = agreement(things, travel, &candidate, turned);
     (candidate, found)
 }
 
 /// The candidate that explains most among those that things tell, and what it explains.
-fn best(things: &Things, travel: &Travel, known: Option<&Point>, was: bool) -> Option<Judged> {
+fn best(
+    things: &Things,
+    travel: &Travel,
+    known: Option<&Point>,
+    candidate: impl Fn(Point) -> Candidate,
+) -> Option<Judged> {
     let lines = mean_lines(things);
     let all: Vec<Line> = things.cells.iter().map(Line::of).collect();
     let mut points: Vec<Point> = known.copied().into_iter().collect();
@@ -237,7 +274,7 @@ fn best(things: &Things, travel: &Travel, known: Option<&Point>, was: bool) -> O
     }
     points
         .into_iter()
-        .map(|point| judged(things, travel, [false, was], point, [0.0; 2]))
+        .map(|point| judged(things, travel, candidate(point), [0.0; 2]))
         .max_by(|a, b| a.1.said.total_cmp(&b.1.said))
 }
 

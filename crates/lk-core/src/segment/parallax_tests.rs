@@ -252,6 +252,36 @@ fn cars_of_a_road_under_a_shaken_camera_are_not_depth() {
 }
 
 #[test]
+fn what_moves_along_the_way_that_a_camera_pans_is_not_depth() {
+    let mut state = 5;
+    // The plane goes to the left by 8 px. Three go along with the camera, one further than it; two go against it, as if
+    // they were nearer.
+    let own = [4.5, 8.7, 6.0, -1.6, -3.0].map(|along| [along, 0.0]);
+    let scene = Scene {
+        travel: [8.0 / FOCAL, 0.0, 0.0],
+        boxes: 0,
+        height: 0.0,
+        movers: PLACES.into_iter().zip(own).collect(),
+        noise: 0.1,
+    };
+    let (mut before, mut left) = (None, Vec::new());
+    for _ in 0..12 {
+        (before, left) = scene.step(before.as_ref(), &mut state);
+        assert!(!before.unwrap().believed);
+    }
+    assert!(moving(&left, 'm') > 0.95);
+    // It is remembered of those that went along with the camera while these are not seen.
+    let against = Scene {
+        movers: scene.movers[3..].to_vec(),
+        ..scene
+    };
+    for _ in 0..4 {
+        before = against.step(before.as_ref(), &mut state).0;
+        assert!(!before.unwrap().believed);
+    }
+}
+
+#[test]
 fn a_camera_that_rests_sees_no_parallax_and_believes_again() {
     let mut state = 7;
     let travel = [4.0 / FOCAL, 0.0, 0.0];

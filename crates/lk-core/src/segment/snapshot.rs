@@ -21,7 +21,7 @@ pub struct SegmenterSnapshot {
 }
 
 /// Numbers of a parallax.
-const PARALLAX: usize = 15;
+const PARALLAX: usize = 16;
 /// Numbers of a state.
 const NUMBERS: usize = 9 + 9 + 6 + PARALLAX;
 
@@ -201,6 +201,7 @@ fn parallax_numbers(parallax: Option<&Parallax>) -> [f64; PARALLAX] {
     let ([a, b, c], [angle, weight]) = (p.travel, p.turned);
     [
         1.0, x, y, w, sign, p.belief, depth, believed, away, towards, a, b, c, angle, weight,
+        p.along,
     ]
 }
 
@@ -221,6 +222,7 @@ fn parallax_of(numbers: &[f64]) -> Option<Parallax> {
         c,
         angle,
         weight,
+        along,
     ] = *numbers.first_chunk::<PARALLAX>()?;
     (there == 1.0).then_some(Parallax {
         epipole: [x, y, w],
@@ -231,6 +233,7 @@ fn parallax_of(numbers: &[f64]) -> Option<Parallax> {
         seen: [away, towards],
         travel: [a, b, c],
         turned: [angle, weight],
+        along,
     })
 }
 

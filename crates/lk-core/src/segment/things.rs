@@ -48,6 +48,8 @@ pub(super) struct Cell {
 pub(super) struct Things {
     pub(super) cells: Vec<Cell>,
     pub(super) count: usize,
+    /// Cells of the whole picture.
+    pub(super) all_cells: usize,
     /// Of each thing, whether it is no more than the surroundings of one that moves further: windows of a flow reach
     /// over its edges.
     pub(super) surrounds: Vec<bool>,
@@ -93,6 +95,7 @@ impl Things {
         let mut things = Self {
             cells: Vec::new(),
             count: 0,
+            all_cells: sums.len(),
             surrounds: Vec::new(),
             centre,
             size,
