@@ -58,6 +58,7 @@ def test_version(capsys):
         (["extract", "a.mp4", "-o", "b", "--preset", "best"], ["--preset: got 'best', expected", "balanced"]),
         (["extract", "a.mp4", "-o", "b", "--height", "1", "--height-csv", "h.csv"], ["not allowed with"]),
         (["live", "a.mp4", "--quux", "3"], ["unrecognized arguments: --quux 3 (see"]),
+        (["live", "a.mp4", "--view-rate", "nan"], ["--view-rate: got 'nan', expected a number above 0"]),
         (["demo", "--frames", "3"], ["at least 10"]),
     ],
 )

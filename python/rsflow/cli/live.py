@@ -77,7 +77,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     seen.add_argument("--record", metavar="FILE.rrd", help="record what is seen, for the viewer")
     seen.add_argument("-o", "--output", metavar="OUT", help="folder for motion.csv, objects.csv and velocity.csv")
     seen.add_argument(
-        "--view-rate", type=float, default=30.0, metavar="HZ", help="pictures a second to show, at most (default 30)"
+        "--view-rate",
+        type=above_zero,
+        default=30.0,
+        metavar="HZ",
+        help="pictures a second to show, at most (default 30)",
     )
     seen.add_argument("--window", action="store_true", help="show the picture with the displacement as an arrow")
     seen.add_argument("--json", "--json-lines", action="store_true", help="a JSON object a line")
