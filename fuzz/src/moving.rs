@@ -1,8 +1,8 @@
-//! `Segmenter` over several frames, each with flow and a mask of its own: what it says is of the frame, the same for every
+//! `MotionSegmenter` over several frames, each with flow and a mask of its own: what it says is of the frame, the same for every
 //! thread count and CPU level, and goes on after it was written down and read again.
 
 use arbitrary::Arbitrary;
-use lk_core::{Execution, GivenFlow, Segmenter, SegmenterOptions};
+use lk_core::{Execution, GivenFlow, MotionSegmenter, SegmenterOptions};
 use ndarray::Array2;
 
 use crate::frames::{Frames, Grey, mask};
@@ -74,8 +74,8 @@ fn flow(said: Said, (height, width): (usize, usize)) -> Flow {
 #[derive(Debug, PartialEq)]
 struct Seen {
     moving: Vec<u8>,
-    residual: Vec<u32>,
-    known: Vec<u8>,
+    length: Vec<u32>,
+    motion: Vec<u32>,
     light: [u32; 2],
     noise: u32,
     parallax: bool,
@@ -91,7 +91,7 @@ fn check_as<T: Grey>(case: &Case) {
     let run = |execution: &Execution, parked: bool| -> Option<Vec<Seen>> {
         let options =
             SegmenterOptions::new(case.camera_moves, usize::from(case.min_area), 1.0, 0.3);
-        let mut segmenter = Segmenter::new(options, (size.1, size.0)).ok()?;
+        let mut segmenter = MotionSegmenter::new(options, (size.1, size.0)).ok()?;
         let mut seen = Vec::new();
         for number in 0..SHOWN {
             let (uv, valid) = &flows[number % flows.len()];
@@ -107,11 +107,15 @@ fn check_as<T: Grey>(case: &Case) {
             let said = segmenter
                 .update(frame, (number > 0).then_some(given), counts, execution)
                 .ok()?;
-            let (residual, known) = segmenter.residual();
+            let pixels = size.0 * size.1;
+            let (mut length, mut motion) = (vec![0.0; pixels], vec![0.0; 2 * pixels]);
+            segmenter
+                .motion(0.4, &mut length, &mut motion, execution)
+                .unwrap();
             seen.push(Seen {
                 moving: segmenter.moving().to_vec(),
-                residual: residual.iter().map(|value| value.to_bits()).collect(),
-                known: known.to_vec(),
+                length: length.iter().map(|value| value.to_bits()).collect(),
+                motion: motion.iter().map(|value| value.to_bits()).collect(),
                 light: said.light.map(f32::to_bits),
                 noise: said.noise.to_bits(),
                 parallax: said.parallax,

@@ -10,8 +10,8 @@ use std::hint::black_box;
 
 use lk_core::{
     CornerDetector, CornerOptions, DenseFlow, DenseHints, DenseOptions, Distortion, Execution,
-    FlowField, GivenFlow, GridOptions, Lens, Masks, PlaneInterval, PlaneOptions, PlaneTracker,
-    Preset, Pyramid, Result, Segmenter, SegmenterOptions, ShiftOptions, TrackOptions,
+    FlowField, GivenFlow, GridOptions, Lens, Masks, MotionSegmenter, PlaneInterval, PlaneOptions,
+    PlaneTracker, Preset, Pyramid, Result, SegmenterOptions, ShiftOptions, TrackOptions,
     detect_corners, displacement_grid, estimate_shift, find_parallax, fit_camera, track_points,
 };
 use ndarray::s;
@@ -167,7 +167,7 @@ fn moving(camera_moves: bool) -> Result<()> {
             .execution(one()),
     )?;
     let options = SegmenterOptions::new(camera_moves, 9, 1.0, 0.29);
-    let mut segmenter = Segmenter::new(options, SIZE)?;
+    let mut segmenter = MotionSegmenter::new(options, SIZE)?;
     let mut field = FlowField::default();
     segmenter.update(frame(0).view(), None, None, &one())?;
     for number in 1..=16 {

@@ -59,12 +59,13 @@ pub use plane::{
 pub use pyramid::Pyramid;
 pub use segment::MotionVector;
 pub use segment::camera::{CameraModel, CameraMotion, fit_camera};
+pub use segment::motion_segmenter::MotionSegmenter;
 pub use segment::parallax::{Parallax, find_parallax};
 pub use segment::picture_motion::{RIDE_STARTS, Ridden, Riders, ride};
 pub use segment::seen_regions::{
     REGION_BINS, REGION_SAMPLES, SAMPLE_PARTS, SeenBeside, SeenRegion, SeenRegions, see_regions,
 };
-pub use segment::segmenter::{GivenFlow, Segmented, Segmenter, SegmenterOptions};
+pub use segment::segmenter::{GivenFlow, Segmented, SegmenterOptions};
 pub use segment::snapshot::SegmenterSnapshot;
 pub use shift::{Roi, Shift, ShiftDeformation, ShiftOptions, ShiftStatus, estimate_shift};
 pub use simd::SimdLevel;

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use lk_core::{GivenFlow, Segmenter, SegmenterOptions, SegmenterSnapshot};
+use lk_core::{GivenFlow, MotionSegmenter, SegmenterOptions, SegmenterSnapshot};
 use numpy::ndarray::{Ix1, Ix2, Ix3};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -37,7 +37,7 @@ type Motion<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray3<f32>>);
 
 /// What moves and what stands still, frame after frame; see `rsflow.MotionSegmenter`.
 #[pyclass(frozen, name = "Segmenter", module = "rsflow._core")]
-pub(crate) struct PySegmenter(Shared<Segmenter>);
+pub(crate) struct PySegmenter(Shared<MotionSegmenter>);
 
 #[pymethods]
 impl PySegmenter {
@@ -52,9 +52,9 @@ impl PySegmenter {
     ) -> PyResult<Self> {
         let fresh = move || {
             let options = SegmenterOptions::new(camera_moves, min_area, scale, rounding);
-            Segmenter::new(options, (shape.1, shape.0)).map_err(|error| to_python(&error))
+            MotionSegmenter::new(options, (shape.1, shape.0)).map_err(|error| to_python(&error))
         };
-        Ok(Self(Shared::new(fresh, Segmenter::reset_or_keep)?))
+        Ok(Self(Shared::new(fresh, MotionSegmenter::reset_or_keep)?))
     }
 
     /// Rows and columns of what flow is judged on.
@@ -205,7 +205,7 @@ impl PySegmenter {
     fn call<R: Send>(
         &self,
         py: Python<'_>,
-        work: impl FnOnce(&mut Segmenter, &lk_core::Execution) -> PyResult<R> + Send,
+        work: impl FnOnce(&mut MotionSegmenter, &lk_core::Execution) -> PyResult<R> + Send,
     ) -> PyResult<R> {
         let caller = Caller::new();
         interrupt::run(py, 0, |execution| {

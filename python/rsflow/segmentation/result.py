@@ -76,6 +76,7 @@ class MotionSegmentation:
         The number of the object at each pixel, 0 for none.
     background : (H, W) float32
         The still scene as this frame would show it, in its light: a median of samples; NaN where nothing is known yet.
+        Of frames of more than 300,000 pixels it has half the resolution, of more than 1,200,000 a quarter, and so on.
     status : SegmentationStatus
         ``"ok"``; ``"first_frame"``, with nothing to compare to; ``"no_camera_motion"`` where the flow does not tell the
         camera's motion. In the last two nothing is moving.

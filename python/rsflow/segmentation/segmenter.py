@@ -82,7 +82,9 @@ class MotionSegmenter(Shared):
     background. What differs from all samples, in light that may change, moves; where nothing was seen yet, what the
     dense flow says does. Where things move against the plane along lines through one point, by more than chance and as
     far as the camera travelled, the scene has depth: then the flow alone tells, and motion along these lines the way
-    that depth goes is parallax: what moves so by itself cannot be told.
+    that depth goes is parallax: what moves so by itself cannot be told. Frames of more than
+    300,000 pixels are judged at half their resolution, or less, and what moves is brought back to the frame's own
+    pixels by its grey levels.
 
     Samples: O. Barnich and M. Van Droogenbroeck, IEEE Trans. Image Processing 20(6), 2011. Parallax: M. Irani and
     P. Anandan, PAMI 20(6), 1998. False discoveries: Y. Benjamini and Y. Hochberg, J. R. Stat. Soc. B 57, 1995.

@@ -9,25 +9,28 @@ use crate::simd::{Kernel, Simd, dispatch};
 use super::runs::next;
 use super::segmenter::Segmenter;
 
+/// The frame that a motion is written for: it may be larger than what is segmented.
+pub(super) struct Shown<'a> {
+    /// Columns and rows.
+    pub(super) size: (usize, usize),
+    /// How many times it was reduced.
+    pub(super) by: usize,
+    /// What moves in it.
+    pub(super) moving: &'a [u8],
+}
+
 impl Segmenter {
-    /// Write, for each pixel of the last frame, the length of the motion that the camera's does not explain, and where
-    /// something moves that motion itself, x and y; NaN where it is not known, the motion also where the flow is not trusted or
-    /// it is shorter than `least_px`: flow within a thing is often that of the ground around it. Where nothing moves no motion
-    /// is written.
-    ///
-    /// # Errors
-    ///
-    /// [`Error::Shape`] if `length` has not as many elements as a frame has pixels and `motion` twice as many; those of the
-    /// execution.
-    pub fn motion(
+    /// See [`MotionSegmenter::motion`](super::motion_segmenter::MotionSegmenter::motion).
+    pub(super) fn motion(
         &self,
+        shown: &Shown<'_>,
         least_px: f64,
         length: &mut [f32],
         motion: &mut [f32],
         execution: &Execution,
     ) -> Result<()> {
-        let (width, height) = self.frame_size();
-        let ((columns, rows), factor) = (self.reduced_size(), self.factor());
+        let (width, height) = shown.size;
+        let ((columns, rows), factor) = (self.reduced_size(), shown.by * self.factor());
         let pixels = width * height;
         for (values, wanted) in [(&*length, pixels), (&*motion, 2 * pixels)] {
             if values.len() != wanted {
@@ -42,11 +45,12 @@ impl Segmenter {
             motion.fill(f32::NAN);
             return Ok(());
         }
-        let step = if trusted.1 == (width, height) {
-            1
+        let step = if trusted.1 == self.frame_size() {
+            shown.by
         } else {
             factor
         };
+        let scale = shown.by as f32;
         let least = (least_px * least_px) as f32;
         let level = execution.simd_level();
         let outputs = Both(
@@ -65,6 +69,7 @@ impl Segmenter {
                         residual,
                         known: &known[place],
                         factor,
+                        scale,
                         squares,
                         to: first,
                     };
@@ -74,7 +79,7 @@ impl Segmenter {
                     }
                     for (row, to) in motions.chunks_exact_mut(2 * width).enumerate() {
                         let at = y * factor + row;
-                        let moving = &self.moving()[at * width..(at + 1) * width];
+                        let moving = &shown.moving[at * width..(at + 1) * width];
                         let trusted = &trusted.0[at / step * trusted.1.0..][..trusted.1.0];
                         let mut x = next(moving, 0, 1);
                         while x < width {
@@ -84,7 +89,7 @@ impl Segmenter {
                                 .iter_mut()
                                 .zip(&residual[2 * from..2 * from + 2])
                             {
-                                *to = if told { *part } else { f32::NAN };
+                                *to = if told { scale * part } else { f32::NAN };
                             }
                             x += 1;
                             if moving.get(x) != Some(&1) {
@@ -126,6 +131,8 @@ struct Lengths<'a> {
     residual: &'a [f32],
     known: &'a [u8],
     factor: usize,
+    /// What they are multiplied by.
+    scale: f32,
     /// Their squares.
     squares: &'a mut [f32],
     to: &'a mut [f32],
@@ -138,7 +145,7 @@ impl Kernel for Lengths<'_> {
     fn run<S: Simd>(self, _: S) {
         let from = self.residual.as_chunks::<2>().0.iter().zip(self.known);
         for (square, ([u, v], known)) in self.squares.iter_mut().zip(from) {
-            let sum = u * u + v * v;
+            let sum = (u * u + v * v) * (self.scale * self.scale);
             *square = if *known == 1 { sum } else { f32::NAN };
         }
         match self.factor {
@@ -164,34 +171,40 @@ mod tests {
 
     #[test]
     fn pixels_have_the_motion_of_their_blocks() {
-        // Of one size, and reduced twice with blocks that lack pixels.
-        for size in [(37, 11), (1203, 171)] {
+        // Of one size, judged at half of it, and reduced with blocks that lack pixels.
+        for (size, by) in [((37_usize, 11_usize), 1), ((73, 21), 2), ((1203, 171), 1)] {
+            let inner = (size.0.div_ceil(by), size.1.div_ceil(by));
             let mut segmenter =
-                Segmenter::new(SegmenterOptions::new(true, 12, 1.0, 0.3), size).unwrap();
-            let ((columns, rows), factor) = (segmenter.reduced_size(), segmenter.factor());
+                Segmenter::new(SegmenterOptions::new(true, 12, 1.0, 0.3), inner).unwrap();
+            let ((columns, rows), factor) = (segmenter.reduced_size(), by * segmenter.factor());
             let mut numbers = Numbers::new(3);
             let residual: Vec<f32> = (0..2 * columns * rows)
                 .map(|_| numbers.normal() as f32)
                 .collect();
             let known = mask((columns, rows), 0.8, 1);
             let moving = mask(size, 0.3, 2);
+            let shown = Shown {
+                size,
+                by,
+                moving: &moving,
+            };
             segmenter.work.evidence.residual.clone_from(&residual);
             segmenter.work.evidence.known.clone_from(&known);
-            segmenter.state.moving.clone_from(&moving);
-            for of in [size, (columns, rows)] {
+            for of in [inner, (columns, rows)] {
                 let trusted = mask(of, 0.7, 4);
                 segmenter.work.trusted = (trusted.clone(), of);
-                let step = if of == size { 1 } else { factor };
+                let step = if of == inner { by } else { factor };
                 for execution in every_way() {
                     let pixels = size.0 * size.1;
                     let (mut length, mut motion) = (vec![7.0; pixels], vec![7.0; 2 * pixels]);
                     segmenter
-                        .motion(0.4, &mut length, &mut motion, &execution)
+                        .motion(&shown, 0.4, &mut length, &mut motion, &execution)
                         .unwrap();
                     for at in 0..pixels {
                         let (x, y) = (at % size.0, at / size.0);
                         let from = y / factor * columns + x / factor;
-                        let [u, v] = [residual[2 * from], residual[2 * from + 1]];
+                        let [u, v] = [residual[2 * from], residual[2 * from + 1]]
+                            .map(|part| by as f32 * part);
                         let square = u * u + v * v;
                         let want = if known[from] == 1 {
                             square.sqrt()
@@ -218,7 +231,7 @@ mod tests {
             }
             assert!(
                 segmenter
-                    .motion(0.4, &mut [], &mut [], &every_way()[0])
+                    .motion(&shown, 0.4, &mut [], &mut [], &every_way()[0])
                     .is_err()
             );
         }

@@ -17,7 +17,7 @@ impl Segmenter {
     /// # Errors
     ///
     /// [`Error::Shape`] if `to` has not as many elements as a frame has pixels; those of the execution; [`Error::Memory`].
-    pub fn scene(&mut self, to: &mut [f32], execution: &Execution) -> Result<()> {
+    pub(super) fn scene(&mut self, to: &mut [f32], execution: &Execution) -> Result<()> {
         let state = &self.state;
         let (width, height) = state.canvas.frame;
         if to.len() != width * height {

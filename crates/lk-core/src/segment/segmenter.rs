@@ -84,9 +84,10 @@ pub struct Segmented {
     pub noise: f32,
 }
 
-/// Tells what moves from what stands still. The first frame has nothing to be compared with.
+/// Tells what moves from what stands still in frames that are judged as they are: see
+/// [`MotionSegmenter`](super::motion_segmenter::MotionSegmenter).
 #[derive(Debug)]
-pub struct Segmenter {
+pub(crate) struct Segmenter {
     pub(crate) options: SegmenterOptions,
     pub(crate) state: State,
     pub(super) work: Work,
@@ -188,7 +189,7 @@ impl Segmenter {
     /// # Errors
     ///
     /// [`Error::Shape`] for a frame without pixels; [`Error::Memory`].
-    pub fn new(options: SegmenterOptions, size: (usize, usize)) -> Result<Self> {
+    pub(super) fn new(options: SegmenterOptions, size: (usize, usize)) -> Result<Self> {
         if size.0 == 0 || size.1 == 0 {
             return Err(Error::shape(
                 "image",
@@ -233,7 +234,7 @@ impl Segmenter {
     /// # Errors
     ///
     /// [`Error::Memory`].
-    pub fn reset(&mut self) -> Result<()> {
+    pub(super) fn reset(&mut self) -> Result<()> {
         let size = self.state.canvas.frame;
         self.state.canvas = Canvas::new(size, self.options.camera_moves);
         self.forget()?;
@@ -245,14 +246,9 @@ impl Segmenter {
         Ok(())
     }
 
-    /// [`Self::reset`] after a panic: where there is no memory for it, what is there stays.
-    pub fn reset_or_keep(&mut self) {
-        let _ = self.reset();
-    }
-
     /// Columns and rows of a frame.
     #[must_use]
-    pub fn frame_size(&self) -> (usize, usize) {
+    pub(super) fn frame_size(&self) -> (usize, usize) {
         self.state.canvas.frame
     }
 
@@ -288,13 +284,13 @@ impl Segmenter {
 
     /// How many times the frame is reduced for its flow to be judged: a power of two.
     #[must_use]
-    pub fn factor(&self) -> usize {
+    pub(super) fn factor(&self) -> usize {
         factor_of(self.state.canvas.frame)
     }
 
     /// Columns and rows of what flow is judged on.
     #[must_use]
-    pub fn reduced_size(&self) -> (usize, usize) {
+    pub(super) fn reduced_size(&self) -> (usize, usize) {
         let (mut size, mut factor) = (self.state.canvas.frame, self.factor());
         while factor > 1 {
             size = Reduction::Half.of(size);
@@ -305,14 +301,14 @@ impl Segmenter {
 
     /// What moves in the last frame, 1 for each pixel that does.
     #[must_use]
-    pub fn moving(&self) -> &[u8] {
+    pub(super) fn moving(&self) -> &[u8] {
         &self.state.moving
     }
 
     /// What the camera's motion does not explain, x and y in pixels of the frame, for pixels of [`Self::reduced_size`], and 1
     /// where it is known.
     #[must_use]
-    pub fn residual(&self) -> (&[f32], &[u8]) {
+    pub(super) fn residual(&self) -> (&[f32], &[u8]) {
         (&self.work.evidence.residual, &self.work.evidence.known)
     }
 
@@ -322,7 +318,7 @@ impl Segmenter {
     /// # Errors
     ///
     /// [`Error::Shape`] if the sizes do not fit together; those of the execution; [`Error::Memory`].
-    pub fn update<T: Pixel>(
+    pub(super) fn update<T: Pixel>(
         &mut self,
         frame: Frame<'_, T>,
         flow: Option<GivenFlow<'_>>,

@@ -28,7 +28,7 @@ const NUMBERS: usize = 9 + 9 + 6 + PARALLAX;
 impl Segmenter {
     /// What is known, for [`Segmenter::restore`].
     #[must_use]
-    pub fn snapshot(&self) -> SegmenterSnapshot {
+    pub(super) fn snapshot(&self) -> SegmenterSnapshot {
         let state = &self.state;
         let background = &state.background;
         let bytes = [
@@ -87,7 +87,7 @@ impl Segmenter {
     /// # Errors
     ///
     /// [`Error::Shape`] where it is of another size.
-    pub fn restore(&mut self, snapshot: &SegmenterSnapshot) -> Result<()> {
+    pub(super) fn restore(&mut self, snapshot: &SegmenterSnapshot) -> Result<()> {
         let mut state = self.state.clone();
         let background = &mut state.background;
         let (width, height) = self.reduced_size();

@@ -76,6 +76,18 @@ pub(crate) fn reduced(map: &Map, factor: usize) -> Map {
     product(&down, &product(map, &up))
 }
 
+/// What `map` is of pixels that are `factor` times smaller.
+pub(crate) fn enlarged(map: &Map, factor: usize) -> Map {
+    let (k, s) = (factor as f64, (factor as f64 - 1.0) / 2.0);
+    let up = [[k, 0.0, s], [0.0, k, s], [0.0, 0.0, 1.0]];
+    let down = [
+        [1.0 / k, 0.0, -s / k],
+        [0.0, 1.0 / k, -s / k],
+        [0.0, 0.0, 1.0],
+    ];
+    product(&up, &product(map, &down))
+}
+
 /// Call `work(x, place)` along row `y` with where the map takes each pixel: what [`Places`] are held to.
 #[cfg(test)]
 pub(crate) fn along_row(map: &Map, y: usize, width: usize, mut work: impl FnMut(usize, f32, f32)) {
@@ -110,6 +122,19 @@ pub(super) fn cubic(t: f32) -> [f32; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn smaller_pixels_and_back_are_the_same() {
+        let map = [[1.02, 0.03, 4.0], [-0.02, 0.97, -3.0], [1e-4, -2e-4, 1.0]];
+        for factor in [1, 2, 4] {
+            let back = reduced(&enlarged(&map, factor), factor);
+            for (value, want) in back.iter().flatten().zip(map.iter().flatten()) {
+                assert!((value - want).abs() < 1e-12);
+            }
+        }
+        let [x, y] = applied(&enlarged(&shift(3.0, -1.0), 2), [5.0, 7.0]);
+        assert!((x - 11.0).abs() < 1e-12 && (y - 5.0).abs() < 1e-12);
+    }
 
     #[test]
     fn there_and_back_is_nowhere() {
