@@ -18,7 +18,7 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE-MIT LICENSE-AP
 	$(shell find crates python -type f \( -name '*.rs' -o -name '*.py' -o -name '*.pyi' -o -name '*.toml' -o -name '*.json' -o -name '*.md' -o -name 'py.typed' -o -name '*.css' -o -name '*.js' \))
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python test-arm lint bench docs dist fuzz soak clean
+.PHONY: help demo test test-rust test-python test-arm test-memory lint bench docs dist fuzz soak clean
 
 help: ## Show the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -38,6 +38,9 @@ test-python: $(VENV)/.package $(VENV)/.test ## Run the Python tests, README and 
 
 test-arm: ## Run lk-core's tests for aarch64 in an emulator: root on an x86-64 Debian with debootstrap
 	.ci/test_arm
+
+test-memory: ## Run lk-core's tests with each access to memory watched: valgrind, or AddressSanitizer
+	.ci/test_memory
 
 lint: $(VENV)/.package $(VENV)/.test $(VENV)/.lint ## Formatting, clippy, rustdoc, licences, ruff, mypy --strict, stubtest, instruction counts
 	cargo fmt --all --check

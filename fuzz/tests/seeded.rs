@@ -1,7 +1,7 @@
 //! The bodies of the fuzz targets over random bytes, on a stable toolchain: `cargo test --release` in this folder.
 //!
-//! Cases that were kept in `seeds/` come first. `FUZZ_CASES` sets how many random ones each target sees, `FUZZ_SEED` which;
-//! `FUZZ_SECONDS` lets each go on for so long instead.
+//! Cases that were kept in `seeds/` come first (`.ci/fuzz_seeds.py` finds them). `FUZZ_CASES` sets how many random ones each
+//! target sees, 0 for none, `FUZZ_SEED` which; `FUZZ_SECONDS` lets each go on for so long instead.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -57,7 +57,12 @@ fn run<C: for<'a> Arbitrary<'a> + std::fmt::Debug>(target: &str, check: fn(&C)) 
         println!("{name}: {case:?}");
         check(&case);
     };
-    for (name, bytes) in kept(target) {
+    let seeds = kept(target);
+    assert!(
+        !seeds.is_empty(),
+        "{target}: no case is kept in seeds/{target}"
+    );
+    for (name, bytes) in seeds {
         once(&name, &bytes);
     }
     let (first, ends) = (setting("FUZZ_SEED", 1), ends());
