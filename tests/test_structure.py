@@ -19,7 +19,7 @@ PACKAGE = ROOT / "python" / "rsflow"
 DOORS = ("objects", "camera.board", "camera.calibration", "camera.capture")
 FLOORS = (
     ("_core", "errors"),
-    ("_checks", "_extras", "_rotation", "_shared"),
+    ("_beside", "_checks", "_extras", "_rotation", "_shared"),
     ("_display",),
     ("io",),
     ("capture", "plotting", "video"),

@@ -9,6 +9,7 @@ import textwrap
 import pytest
 
 import rsflow
+from rsflow._beside import soon_handed_over
 
 
 def run(code: str) -> str:
@@ -97,3 +98,44 @@ print(count(1 + 2))
     )
     # A fork may end threads of others, such as those of numpy's linear algebra.
     assert all(int(count) <= 3 for count in told.split())
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="threads are counted as Linux lists them")
+def test_stages_keep_to_their_threads_where_there_are_no_more_and_results_do_not_depend_on_it():
+    code = """
+    import os, threading
+    import numpy as np, rsflow
+    from rsflow._beside import share_threads
+    frame = np.random.default_rng(0).integers(0, 255, (400, 600), dtype=np.uint8)
+    got = set()
+
+    def measure(begin):
+        begin()
+        before = len(os.listdir("/proc/self/task"))
+        got.add(rsflow.dense_flow(frame, frame, preset="fast").uv.tobytes())
+        print(len(os.listdir("/proc/self/task")) - before)
+
+    for number, begin in ((2, share_threads), (2, lambda: None), (3, share_threads)):
+        rsflow.set_num_threads(number)
+        thread = threading.Thread(target=measure, args=(begin,))
+        thread.start()
+        thread.join()
+    assert len(got) == 1
+    """
+    kept, all_of_them, more = map(int, run(code).split())
+    assert kept == 0
+    assert all_of_them > 0
+    assert more > 0
+
+
+def test_python_hands_over_soon_until_the_last_run_has_ended():
+    before = sys.getswitchinterval()
+    with soon_handed_over():
+        first = sys.getswitchinterval()
+        with soon_handed_over():
+            assert sys.getswitchinterval() == first < before
+        assert sys.getswitchinterval() == first
+    assert sys.getswitchinterval() == before
+    with pytest.raises(ZeroDivisionError), soon_handed_over():
+        _ = 1 / 0
+    assert sys.getswitchinterval() == before

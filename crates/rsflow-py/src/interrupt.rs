@@ -1,5 +1,6 @@
 //! Computing without the GIL, and Ctrl-C while it lasts.
 
+use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -15,6 +16,26 @@ const SIGNAL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Calls over fewer pixels than this end well within 0.2 s and run on the caller's own thread.
 pub(crate) const LONG_CALL_PIXELS: usize = 1 << 20;
+
+thread_local! {
+    /// How many callers work at the same time, this one among them.
+    static BESIDE: Cell<usize> = const { Cell::new(1) };
+}
+
+/// From now on calls of this thread keep to it, unless there are more threads than callers that work at the same time: to hand
+/// rows to threads that are busy for another caller costs more than it gains.
+pub(crate) fn share_threads(callers: usize) {
+    BESIDE.set(callers.max(1));
+}
+
+/// An execution of this thread's calls.
+fn execution() -> Execution {
+    let callers = BESIDE.get();
+    if callers > 1 && lk_core::num_threads() <= callers {
+        return Execution::default().threads(1);
+    }
+    Execution::default()
+}
 
 /// What becomes an exception.
 pub(crate) trait Raised {
@@ -44,10 +65,11 @@ where
 {
     let work = |execution: &Execution| caught(|| work(execution))?.map_err(Raised::raised);
     if pixels < LONG_CALL_PIXELS || !on_main_thread(py)? {
-        return py.detach(|| work(&Execution::default()));
+        let execution = execution();
+        return py.detach(|| work(&execution));
     }
     let flag = Arc::new(AtomicBool::new(false));
-    let execution = Execution::default().cancel(Arc::clone(&flag));
+    let execution = execution().cancel(Arc::clone(&flag));
     let (result, interrupted) = py.detach(|| {
         std::thread::scope(|scope| {
             let (done, finished) = channel::<()>();

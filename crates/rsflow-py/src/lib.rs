@@ -72,6 +72,12 @@ fn get_num_threads() -> usize {
     lk_core::num_threads()
 }
 
+/// Let the calls of this thread keep to it, unless there are more threads than so many callers that work at the same time.
+#[pyfunction]
+fn share_threads(callers: usize) {
+    interrupt::share_threads(callers);
+}
+
 /// What this build is and which instructions it uses here.
 ///
 /// Returns
@@ -123,6 +129,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<flow::DenseFlow>()?;
     module.add_function(wrap_pyfunction!(set_num_threads, module)?)?;
     module.add_function(wrap_pyfunction!(get_num_threads, module)?)?;
+    module.add_function(wrap_pyfunction!(share_threads, module)?)?;
     module.add_function(wrap_pyfunction!(build_info, module)?)?;
     tracking::register(module)?;
     grid::register(module)?;

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._beside import share_threads, soon_handed_over
 from ..capture.too_few import too_few
 from ..errors import RsflowError
 from .finish import Ending, close
@@ -53,9 +54,11 @@ class Run:
         if saved is not None:
             self._go_on(saved)
         self.second: BackgroundWorker[tuple[Any, Any, Any]] = BackgroundWorker(
-            self._process, name="rsflow-separate", depth=_MEASURED
+            self._process, name="rsflow-separate", depth=_MEASURED, begin=share_threads
         )
-        self.first: BackgroundWorker[Any] = BackgroundWorker(self._measure, name="rsflow-measure", depth=_AHEAD)
+        self.first: BackgroundWorker[Any] = BackgroundWorker(
+            self._measure, name="rsflow-measure", depth=_AHEAD, begin=share_threads
+        )
 
     def _go_on(self, saved: Saved) -> None:
         """Be as after the frame of a checkpoint, which is the first that the stream gives."""
@@ -68,7 +71,7 @@ class Run:
 
     def run(self, progress: bool) -> Extraction:
         """Take all frames; raise what ended the run early, after keeping what is finished."""
-        with StopRequest() as stop:
+        with StopRequest() as stop, soon_handed_over():
             interrupted, failure = False, None
             try:
                 with Progress(self.stream.count, label=Path(self.stream.source).name, enabled=progress) as bar:

@@ -19,11 +19,18 @@ class BackgroundWorker(Generic[Item]):
     """Call `work(item)` in another thread, in the order of `put`.
 
     The first error in `work` ends the work: it is raised once, by the next `put`, `wait` or `close`, and all items
-    behind it are dropped. At most `depth` items wait.
+    behind it are dropped. At most `depth` items wait. `begin` is called first of all in that thread.
     """
 
-    def __init__(self, work: Callable[[Item], None], *, name: str, depth: int = _DEPTH) -> None:
-        self._work = work
+    def __init__(
+        self,
+        work: Callable[[Item], None],
+        *,
+        name: str,
+        depth: int = _DEPTH,
+        begin: Callable[[], None] | None = None,
+    ) -> None:
+        self._work, self._begin = work, begin
         self._queue: queue.Queue[Item | threading.Event | None] = queue.Queue(depth)
         self._error: BaseException | None = None
         self._failed = False
@@ -31,6 +38,8 @@ class BackgroundWorker(Generic[Item]):
         self._thread.start()
 
     def _run(self) -> None:
+        if self._begin is not None:
+            self._begin()
         while (item := self._queue.get()) is not None:
             if isinstance(item, threading.Event):
                 item.set()

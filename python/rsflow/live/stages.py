@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from .._beside import share_threads
 from ..extraction.probe import enough
 from .frame import LiveFrame
 from .meter import Delays, Rate
@@ -132,6 +133,7 @@ class Stages:
 
     def _measure_all(self) -> None:
         gaps = 0
+        share_threads()
         try:
             for frame in self._stream:
                 if self._stopping:
@@ -170,6 +172,7 @@ class Stages:
         )
 
     def _finish_all(self) -> None:
+        share_threads()
         try:
             while (pair := self._slot.take()) is not None:
                 measured = self._pipeline.finish(pair.frame, pair.shift, pair.flow, after_gap=pair.after_gap)

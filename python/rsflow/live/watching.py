@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import _checks
+from .._beside import share_threads, soon_handed_over
 from ..capture.too_few import too_few
 from ..errors import CaptureError, OptionError, RsflowError
 from ..extraction.pipeline import Pipeline
@@ -173,7 +174,8 @@ def watch(
     with contextlib.ExitStack() as stack:
         options: dict[str, Any] = {"frame_rate": frame_rate, "timeout_s": timeout_s, "reconnect_s": reconnect_s}
         stream = stack.enter_context(opened(source, real_time=real_time, roi=roi, **options))
-        beside = ThreadPoolExecutor(_BESIDE, thread_name_prefix="rsflow-live-beside")
+        beside = ThreadPoolExecutor(_BESIDE, thread_name_prefix="rsflow-live-beside", initializer=share_threads)
+        stack.enter_context(soon_handed_over())
         stack.callback(beside.shutdown, wait=False, cancel_futures=True)
         pipeline = Pipeline(settings, stream, covariance=False, beside=beside)
         tables = None
