@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 # A measurement that is off by more than so many deviations weighs as if it had just these.
 _OUTLIER = 3.0
+# Where the measurement is trusted it is the prediction that was off: the thing has turned. Its place is taken to be
+# as unsure as that asks for, and its velocity by so much of it.
+_TURNED = 0.3
 
 
 def carried(place: F64, motion: F64) -> tuple[F64, F64]:
@@ -55,12 +58,20 @@ def predict(place: F64, velocity: F64, variance: F64, steps: float, acceleration
     vv += q
 
 
-def correct_place(place: F64, velocity: F64, variance: F64, innovation: F64, noise: F64) -> F64:
+def correct_place(
+    place: F64, velocity: F64, variance: F64, innovation: F64, noise: F64, trusted: NDArray[np.bool_]
+) -> F64:
     """Take measured places, in place: `innovation` (n, 2) beyond those predicted, with `noise`, their variance.
 
-    Where the noise is infinite nothing is taken. Gives the squared innovations over their variances.
+    Where the noise is infinite nothing is taken. Those of `trusted` (n,) things are no outliers. Gives the squared
+    innovations over their variances.
     """
     pp, pv, vv = variance[..., 0], variance[..., 1], variance[..., 2]
+    off = trusted[:, None] & np.isfinite(noise)
+    more = np.where(off, np.maximum((innovation / _OUTLIER) ** 2 - np.where(off, pp + noise, 0.0), 0.0), 0.0)
+    pp += more
+    pv += _TURNED * more
+    vv += _TURNED * more
     s = _bounded(pp + noise, innovation)
     gain, follow = pp / s, pv / s
     taken = np.where(np.isfinite(s), innovation, 0.0)

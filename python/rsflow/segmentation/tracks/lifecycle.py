@@ -41,6 +41,8 @@ _SWALLOWED, _MOST_ALONE = 6, 60
 _WHOLE = 0.6
 # Halves are two things when they have moved against each other by so much of their size.
 _APART_SHARE = 0.4
+# What halves have moved against each other fades by this factor with each look that sees none of it.
+_FADES = 0.8
 # What moves at less than this share of the thing's speed is what it has left, not another thing.
 _LEFT_BEHIND = 0.3
 
@@ -187,12 +189,15 @@ def _with(parts: float, looks: float) -> float:
 
 def _by_motion(things: Followed, regions: Regions, thing: int, number: int, motion: NDArray[np.floating]) -> F64:
     """Give the boxes of two halves that have moved against each other too far for one thing; zeros where none has."""
-    things.strips[thing] += _LOOKED_AT * sharing.halves(regions, number, motion)
+    against = sharing.halves(regions, number, motion)
+    now: NDArray[np.bool_] = np.asarray(against.any(axis=1))
+    things.strips[thing] *= np.where(now[:, None], 1.0, _FADES)
+    things.strips[thing] += _LOOKED_AT * against
     far = np.hypot(things.strips[thing, :, 0], things.strips[thing, :, 1])
     axis = int(np.argmax(far))
     box = regions.box[number]
     boxes = np.zeros((2, 4))
-    if far[axis] > _APART_SHARE * (box[2:] - box[:2]).max():
+    if now[axis] and far[axis] > _APART_SHARE * (box[2:] - box[:2]).max():
         boxes[:] = box
         boxes[0, 2 + axis] = boxes[1, axis] = (box[axis] + box[2 + axis]) / 2
     return boxes
@@ -248,7 +253,7 @@ def _split(
         "strips": np.zeros((2, 2)),
         "key": things.next_keys(1)[0],
         "kin": things.key[thing],
-        "apart": 0 if torn else _OF_ITS_OWN,
+        "apart": 0 if torn else _OF_ITS_OWN // 2,
         "ground": np.full(2, np.nan),
         "first": frame,
         "histogram": np.zeros_like(things.histogram[thing]),

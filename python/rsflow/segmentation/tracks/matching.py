@@ -101,6 +101,9 @@ def match(things: Followed, regions: Regions, lasting: NDArray[np.bool_], shape:
     if len(lost):
         shared = _shared(things, regions, region, predicted, lost)
         left = [number for number in left if number not in shared]
+        # One that is in a region by itself has it, however large it was thought to be.
+        for number in [number for number, members in shared.items() if len(members) == 1]:
+            region[shared.pop(number)[0]] = number
     return Matches(region, pieces, shared, left)
 
 

@@ -240,7 +240,14 @@ def believe(things: Followed, seen: Measured, start: F64, steps: float) -> None:
     """Correct what is believed of the things by what was measured; `start` is where they were in the frame before."""
     before = things.place.copy()
     off = seen.centre - things.place
-    nis = kalman.correct_place(things.place, things.velocity, things.variance, np.nan_to_num(off), seen.centre_variance)
+    nis = kalman.correct_place(
+        things.place,
+        things.velocity,
+        things.variance,
+        np.nan_to_num(off),
+        seen.centre_variance,
+        _same_shape(things, seen),
+    )
     turn = seen.motion / steps - things.velocity
     noise = seen.motion_variance / steps**2
     # The first measurement of a velocity is taken as it is.
