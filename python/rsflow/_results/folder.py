@@ -90,7 +90,7 @@ def made_folder(folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
-        raise OptionError(f"{folder}: got a file, or a link that leads nowhere, expected a folder") from None
+        raise OptionError(f"out: {folder}: got a file, or a link that leads nowhere, expected a folder") from None
     except OSError as error:
         raise type(error)(error.errno, f"cannot make the folder {folder}: {error.strerror}") from None
     if not os.access(folder, os.W_OK | os.X_OK):
