@@ -60,7 +60,8 @@ impl SegmenterOptions {
     }
 }
 
-/// The flow from the frame before, of the size of the frame or of the frame reduced by [`Segmenter::factor`].
+/// The flow from the frame before, of the size of the frame or of
+/// [`MotionSegmenter::reduced_size`](super::motion_segmenter::MotionSegmenter::reduced_size).
 #[derive(Debug, Clone, Copy)]
 pub struct GivenFlow<'a> {
     /// Motion of each pixel, x and y; not finite where it is not known.
@@ -71,7 +72,7 @@ pub struct GivenFlow<'a> {
     pub size: (usize, usize),
 }
 
-/// What is known of a frame after [`Segmenter::update`].
+/// What is known of a frame after [`MotionSegmenter::update`](super::motion_segmenter::MotionSegmenter::update).
 #[derive(Debug, Clone, Copy)]
 pub struct Segmented {
     /// The camera's motion since the frame before, refined on the background where that could be.
