@@ -25,6 +25,7 @@ __all__ = [
     "point_statuses",
     "ride",
     "set_num_threads",
+    "share_threads",
     "shift_statuses",
     "track_points",
     "track_pyr_lk",
