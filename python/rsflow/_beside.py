@@ -9,10 +9,10 @@ from contextlib import contextmanager
 
 from . import _core
 
-__all__ = ["STAGES", "share_threads", "soon_handed_over"]
+__all__ = ["share_threads", "soon_handed_over"]
 
 # The motion between two frames in one thread, what moves and the velocity in another.
-STAGES = 2
+_STAGES = 2
 # Python lets a thread that comes back from a call wait for so long while another one computes; by default ten times as
 # long, which is a fifth of a frame's time for each call.
 _HANDED_OVER_S = 0.0005
@@ -24,7 +24,7 @@ _before_s = 0.0
 
 def share_threads() -> None:
     """Let the calls of this thread keep to it where there are no more threads than stages."""
-    _core.share_threads(STAGES)
+    _core.share_threads(_STAGES)
 
 
 @contextmanager

@@ -197,6 +197,22 @@ mod tests {
     use super::*;
     use crate::segment::made::every_way;
 
+    fn reduced<'a>(
+        [levels, scene]: [&'a [f32]; 2],
+        moving: &'a [u8],
+        size: Size,
+        by: usize,
+    ) -> Reduced<'a> {
+        Reduced {
+            moving,
+            levels,
+            scene,
+            size,
+            by,
+            scale: 1.0,
+        }
+    }
+
     /// A disc of one level before another, its blocks' means, and the blocks of which it covers more than half.
     fn disc(full: Size, by: usize, levels: [f32; 2]) -> (Array2<f32>, Vec<f32>, Vec<u8>, Size) {
         let (middle, radius) = ([20.3, 15.6], 9.4);
@@ -229,14 +245,7 @@ mod tests {
             for (levels, most_wrong) in [([80.0, 150.0], 4), ([80.0, 85.0], usize::MAX)] {
                 let (frame, means, moving, size) = disc(full, by, levels);
                 let scene = vec![levels[0]; size.0 * size.1];
-                let reduced = Reduced {
-                    moving: &moving,
-                    levels: &means,
-                    scene: &scene,
-                    size,
-                    by,
-                    scale: 1.0,
-                };
+                let reduced = reduced([&means, &scene], &moving, size, by);
                 let mut first = None;
                 for execution in every_way() {
                     let mut to = vec![7; full.0 * full.1];
@@ -264,14 +273,7 @@ mod tests {
         let (frame, means, moving, size) = disc(full, by, [80.0, 150.0]);
         let scene = vec![f32::NAN; size.0 * size.1];
         let counts: Vec<bool> = (0..full.0 * full.1).map(|at| at % full.0 < 20).collect();
-        let reduced = Reduced {
-            moving: &moving,
-            levels: &means,
-            scene: &scene,
-            size,
-            by,
-            scale: 1.0,
-        };
+        let reduced = reduced([&means, &scene], &moving, size, by);
         let mut to = vec![7; full.0 * full.1];
         let execution = &every_way()[0];
         reduced

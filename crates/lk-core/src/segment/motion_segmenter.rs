@@ -51,7 +51,7 @@ pub struct MotionSegmenter {
 struct Work {
     /// A frame, reduced, and one that is being reduced.
     levels: [Vec<f32>; 2],
-    /// The still scene of the reduced frame.
+    /// The still scene of the reduced frame, where it was asked for.
     scene: Vec<f32>,
     counts: Vec<bool>,
     uv: Vec<f32>,
@@ -95,7 +95,7 @@ impl MotionSegmenter {
         Ok(segmenter)
     }
 
-    /// Nothing moves.
+    /// Nothing moves yet in the frame itself, and its still scene is not found.
     fn see_nothing(&mut self) -> Result<()> {
         if self.by > 1 {
             resize("masks", &mut self.moving, self.frame.0 * self.frame.1, 0)?;
@@ -184,31 +184,44 @@ impl MotionSegmenter {
         Ok(seen)
     }
 
-    /// What moves in the frame itself, and the still scene of the reduced one.
+    /// What moves in the frame itself.
     fn see<T: Pixel>(
         &mut self,
         frame: Frame<'_, T>,
         counts: Option<&[bool]>,
         execution: &Execution,
     ) -> Result<()> {
-        let Work {
-            levels,
-            scene,
-            inside,
-            ..
-        } = &mut self.work;
-        let size = self.inner.frame_size();
-        resize("a picture", scene, size.0 * size.1, 0.0)?;
-        self.inner.scene(scene, execution)?;
+        self.work.scene.clear();
+        if !self.inner.moving().contains(&1) {
+            self.moving.fill(0);
+            return Ok(());
+        }
+        self.find_scene(execution)?;
+        let work = &mut self.work;
         let reduced = Reduced {
             moving: self.inner.moving(),
-            levels: &levels[0],
-            scene,
-            size,
+            levels: &work.levels[0],
+            scene: &work.scene,
+            size: self.inner.frame_size(),
             by: self.by,
             scale: self.scale,
         };
-        reduced.finer(frame, counts, inside, &mut self.moving, execution)
+        reduced.finer(frame, counts, &mut work.inside, &mut self.moving, execution)
+    }
+
+    /// The still scene of the reduced frame, unless it is there.
+    fn find_scene(&mut self, execution: &Execution) -> Result<()> {
+        let scene = &mut self.work.scene;
+        if !scene.is_empty() {
+            return Ok(());
+        }
+        let (columns, rows) = self.inner.frame_size();
+        resize("a picture", scene, columns * rows, 0.0)?;
+        let found = self.inner.scene(scene, execution);
+        if found.is_err() {
+            scene.clear();
+        }
+        found
     }
 
     fn reduce<T: Pixel>(&mut self, frame: Frame<'_, T>, execution: &Execution) -> Result<()> {
@@ -320,10 +333,7 @@ impl MotionSegmenter {
             let expected = format!("{}, the pixels of a frame", width * height);
             return Err(Error::shape("scene", to.len().to_string(), expected));
         }
-        if self.work.scene.is_empty() {
-            to.fill(f32::NAN);
-            return Ok(());
-        }
+        self.find_scene(execution)?;
         let from = (&self.work.scene[..], self.inner.frame_size());
         enlarge(from, self.by, (to, self.frame), execution)
     }
@@ -335,12 +345,14 @@ impl MotionSegmenter {
     }
 
     /// Take over what [`Self::snapshot`] gave, perhaps elsewhere, of a segmenter of the same options and size.
+    /// What moves in frames that are judged on reduced ones is told with the next one.
     ///
     /// # Errors
     ///
-    /// [`Error::Shape`] where it is of another size.
+    /// [`Error::Shape`] where it is of another size; [`Error::Memory`].
     pub fn restore(&mut self, snapshot: &SegmenterSnapshot) -> Result<()> {
-        self.inner.restore(snapshot)
+        self.inner.restore(snapshot)?;
+        self.see_nothing()
     }
 }
 

@@ -65,27 +65,28 @@ pub(crate) fn reduced(map: &Map, factor: usize) -> Map {
     if factor == 1 {
         return *map;
     }
-    // Pixel centres: X = (x + 0.5) k - 0.5.
-    let (k, s) = (factor as f64, (factor as f64 - 1.0) / 2.0);
-    let up = [[k, 0.0, s], [0.0, k, s], [0.0, 0.0, 1.0]];
-    let down = [
-        [1.0 / k, 0.0, -s / k],
-        [0.0, 1.0 / k, -s / k],
-        [0.0, 0.0, 1.0],
-    ];
+    let [up, down] = scaled(factor);
     product(&down, &product(map, &up))
 }
 
 /// What `map` is of pixels that are `factor` times smaller.
 pub(crate) fn enlarged(map: &Map, factor: usize) -> Map {
-    let (k, s) = (factor as f64, (factor as f64 - 1.0) / 2.0);
-    let up = [[k, 0.0, s], [0.0, k, s], [0.0, 0.0, 1.0]];
-    let down = [
-        [1.0 / k, 0.0, -s / k],
-        [0.0, 1.0 / k, -s / k],
-        [0.0, 0.0, 1.0],
-    ];
+    let [up, down] = scaled(factor);
     product(&up, &product(map, &down))
+}
+
+/// From pixels that are `factor` times larger, and to them.
+fn scaled(factor: usize) -> [Map; 2] {
+    // Pixel centres: X = (x + 0.5) k - 0.5.
+    let (k, s) = (factor as f64, (factor as f64 - 1.0) / 2.0);
+    [
+        [[k, 0.0, s], [0.0, k, s], [0.0, 0.0, 1.0]],
+        [
+            [1.0 / k, 0.0, -s / k],
+            [0.0, 1.0 / k, -s / k],
+            [0.0, 0.0, 1.0],
+        ],
+    ]
 }
 
 /// Call `work(x, place)` along row `y` with where the map takes each pixel: what [`Places`] are held to.

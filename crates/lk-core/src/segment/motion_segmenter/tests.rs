@@ -75,6 +75,9 @@ fn large_frames_are_judged_at_half_their_resolution() {
                         )
                         .unwrap();
                         segmenter.restore(&kept).unwrap();
+                        let mut scene = vec![f32::NAN; SIZE.0 * SIZE.1];
+                        segmenter.scene(&mut scene, &execution).unwrap();
+                        assert!(scene[20 * SIZE.0 + 20].is_finite());
                     }
                 }
                 let truth = shown(13).1;
